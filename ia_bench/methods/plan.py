@@ -85,14 +85,22 @@ class Plan:
 
 @torch.no_grad()
 def make_plan(scene: Scene, stage: Stage, settings: RenderSettings) -> Plan:
-    """Measure a few training views on the ``stage`` of the scene's mesh, and decide."""
+    """Measure a few training views on the ``stage`` of the scene's mesh, and decide.
+
+    Raises InputError for sizes that this machine cannot hold.
+    """
     probe, decisions = _Probe.of(scene, stage), {}
     for name, decide in DECISIONS.items():
-        chosen = getattr(settings, name)
-        decision = decide(probe) if chosen == "auto" else Decision(chosen, "as it was set")
+        setting = getattr(settings, name)
+        decision = decide(probe) if setting == "auto" else Decision(setting, "as it was set")
         decisions[name] = replace(decision, what=f"render.{name}")
     value = {name: decision.value for name, decision in decisions.items()}
-    _check_memory(replace(settings, **value))
+    chosen, side = replace(settings, **value), int(value["subsamples"])
+    for name, size in chosen.memory().items():  # measured on fits, rounded up
+        expect_memory(f"render.{name}={getattr(chosen, name)}", size)
+    taken = samples_taken(settings.samples, side**2)
+    more = f" (at least 2 x {side} x {side})" if taken > settings.samples + 2 else ""
+    expect_memory(f"render.samples={settings.samples}{more}", 300 * PROBE_PIXELS * taken)
     return Plan(samples=settings.samples, decisions=list(decisions.values()), **value)
 
 
@@ -114,16 +122,6 @@ def choose_prior_views(scene: Scene, stage: Stage, setting: int | str) -> Decisi
         f"(a point {by_chosen:.1f} times in the mean, {by_all:.1f} with all)"
     )
     return Decision(count, why, measured, f"the prior's look at {total - count} views" if count < total else None, what)
-
-
-def _check_memory(settings: RenderSettings) -> None:
-    """Raise InputError for sizes that this machine cannot hold; measured on fits, rounded up."""
-    side = int(settings.subsamples)
-    for name, size in settings.memory().items():
-        expect_memory(f"render.{name}={getattr(settings, name)}", size)
-    taken = samples_taken(settings.samples, side**2)
-    more = f" (at least 2 x {side} x {side})" if taken > settings.samples + 2 else ""
-    expect_memory(f"render.samples={settings.samples}{more}", 300 * PROBE_PIXELS * taken)
 
 
 @dataclass(frozen=True)
@@ -162,6 +160,11 @@ class _Probe:
         face, barycentric = gbuffer.face[pixels, point].long(), gbuffer.barycentric[pixels, point]
         return self.stage.surface(face, barycentric, gbuffer.seen_from(pixels))
 
+    def closest_quarter(self, what: str) -> float | None:
+        """The lower quartile of a footprint, where the closer part of the surface decides; None where there is none."""
+        values = self.footprint[what]  # torch.quantile takes no more than 16 million
+        return float(values.sort().values[(len(values) - 1) // 4]) if len(values) else None
+
     @cached_property
     def footprint(self) -> dict[str, Tensor]:
         """How far apart two neighbouring points of a pixel are: in UV, and in angle of normal and of mirror direction."""
@@ -181,11 +184,6 @@ def _angle(a: Tensor, b: Tensor) -> Tensor:
     return 2 * torch.asin((0.5 * (a - b).norm(dim=-1)).clamp(max=1))
 
 
-def _closest_quarter(footprint: Tensor) -> float:
-    """The lower quartile of (N,) values, N >= 1; torch.quantile takes no more than 16 million."""
-    return float(footprint.sort().values[(len(footprint) - 1) // 4])
-
-
 def _shadows(probe: _Probe) -> Decision:
     generator, stage = probe.generator(), probe.stage
     points = probe.points(PROBE_RAYS, generator)
@@ -200,7 +198,18 @@ def _shadows(probe: _Probe) -> Decision:
 
 
 def _bounces(probe: _Probe) -> Decision:
-    seen = _light_by_bounces(probe)
+    """By paths from points that are seen, on until they leave the object, under light 1 from everywhere. Backs are black."""
+    stage, generator, seen = probe.stage, probe.generator(), []
+    points = probe.points(PROBE_RAYS, generator)
+    position, normal = points.position, points.geometric
+    for bounces in range(MAX_BOUNCES + 2):  # before the point that is seen; the light that reaches the camera, in any unit
+        direction = _cosine_directions(normal, generator)
+        face, barycentric, _ = stage.rays.intersect(position + stage.surface.offset * normal, direction)
+        hit = face >= 0
+        seen.append(PROBE_ALBEDO**bounces * float((~hit).double().sum()))
+        normal, position = stage.surface.geometry(face[hit], barycentric[hit])
+        front = dot(normal, direction[hit])[:, 0] < 0
+        normal, position = normal[front], position[front]
     if not sum(seen):
         raise InputError(
             f"mesh: expected light from outside to reach what the cameras see, found none on {PROBE_RAYS} paths (triangles that "
@@ -215,26 +224,6 @@ def _bounces(probe: _Probe) -> Decision:
         why += f", {100 * beyond[chosen]:.1f} % more than {chosen} times"
     left_out = "indirect light" if chosen == 0 else f"more than {chosen} bounces" if chosen < MAX_BOUNCES else None
     return Decision(chosen, why, measured, left_out)
-
-
-def _light_by_bounces(probe: _Probe) -> list[float]:
-    """Light that reaches the camera after 0, 1, ... MAX_BOUNCES + 1 bounces before the point that is seen; relative to each other.
-
-    Paths from points that are seen, on until they leave the object, under light 1 from everywhere. Backs of triangles are black.
-    """
-    stage, generator = probe.stage, probe.generator()
-    points = probe.points(PROBE_RAYS, generator)
-    position, normal = points.position, points.geometric
-    seen = []
-    for bounces in range(MAX_BOUNCES + 2):
-        direction = _cosine_directions(normal, generator)
-        face, barycentric, _ = stage.rays.intersect(position + stage.surface.offset * normal, direction)
-        hit = face >= 0
-        seen.append(PROBE_ALBEDO**bounces * float((~hit).double().sum()))
-        normal, position = stage.surface.geometry(face[hit], barycentric[hit])
-        front = dot(normal, direction[hit])[:, 0] < 0
-        normal, position = normal[front], position[front]
-    return seen
 
 
 def _cosine_directions(normal: Tensor, generator: torch.Generator) -> Tensor:
@@ -270,10 +259,9 @@ def _normal_errors(probe: _Probe) -> dict[int, float]:
 
 
 def _texture(probe: _Probe) -> Decision:
-    across = probe.footprint["uv"]
-    if len(across) == 0:
+    pixel = probe.closest_quarter("uv")
+    if pixel is None:
         return Decision(TEXTURE_SIZES[0], "no pixel has two neighbouring points on one UV island")
-    pixel = _closest_quarter(across)  # the closer quarter of the surface decides
     size = next((s for s in TEXTURE_SIZES if pixel * s >= 1), TEXTURE_SIZES[-1])
     why = f"a pixel spans {pixel * size:.2f} texels at {size} (closest quarter of the surface)"
     left_out = f"textures above {size} texels" if size < TEXTURE_SIZES[-1] else None
@@ -281,10 +269,9 @@ def _texture(probe: _Probe) -> Decision:
 
 
 def _light(probe: _Probe) -> Decision:
-    mirrored = probe.footprint["mirror"]
-    if len(mirrored) == 0:
+    angle = probe.closest_quarter("mirror")
+    if angle is None:
         return Decision(LIGHT_HEIGHTS[0], "no pixel has two neighbouring points")
-    angle = _closest_quarter(mirrored)
     rows = math.pi / max(angle, 1e-6)
     size = min(LIGHT_HEIGHTS, key=lambda height: abs(math.log2(height / rows)))
     why = f"mirror directions of a pixel span {math.degrees(angle):.1f} degrees, a texel {180 / size:.1f}"

@@ -125,7 +125,11 @@ class Samples:
 
 @runtime_checkable
 class Prior(Protocol):
-    """A distribution over the albedo and / or the specular shading behind an image (the paper's section 3.2)."""
+    """A distribution over the albedo and / or the specular shading behind an image (the paper's section 3.2).
+
+    One that has a ``fingerprint``, a text that differs whenever its samples could (the class and the version of its code, its
+    options, the content of its weights), has its samples kept between runs; any other is asked anew by every run.
+    """
 
     info: PriorInfo
 
@@ -180,15 +184,3 @@ class Refiner(Protocol):
         prior has one. It is always the same for the same input, and an image's does not depend on the images beside it.
         """
         ...
-
-
-@runtime_checkable
-class Fingerprinted(Protocol):
-    """A prior whose samples may be kept between runs; one without a fingerprint is asked anew by every run.
-
-    Attributes:
-        fingerprint: A text that differs whenever its samples could: the class and the version of its code, its options, the
-            content of its weights.
-    """
-
-    fingerprint: str

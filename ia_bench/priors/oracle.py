@@ -99,7 +99,9 @@ class OraclePrior:
             if mean > 0:
                 spoiled = spoiled * (np.maximum(luminance, 1e-6 * mean) / mean)[..., None] ** self.baked
         if self.inconsistency:
-            spoiled = spoiled + coverage * unit * self.inconsistency * _smooth_field(random, truth.shape, self.patch)
+            field = gaussian_filter(random.standard_normal(truth.shape), (self.patch, self.patch, 0))  # smooth
+            field = (field - field.mean()) / max(float(field.std()), 1e-12)
+            spoiled = spoiled + coverage * unit * self.inconsistency * field
         if self.blur:
             weight = gaussian_filter(coverage[..., 0], self.blur)[..., None]
             blurred = gaussian_filter(spoiled, (self.blur, self.blur, 0))
@@ -108,9 +110,3 @@ class OraclePrior:
             spoiled = spoiled + coverage * unit * self.noise * random.standard_normal(truth.shape)
         limit = coverage if component == "albedo" else np.inf  # a sample keeps to the physical range
         return torch.from_numpy(np.clip(spoiled, 0, limit).astype(np.float32))
-
-
-def _smooth_field(random: np.random.Generator, shape: tuple[int, ...], patch: float) -> np.ndarray:
-    """A smooth random field of zero mean and unit standard deviation with features of about ``patch`` pixels."""
-    field = gaussian_filter(random.standard_normal(shape), (patch, patch, 0))
-    return (field - field.mean()) / max(float(field.std()), 1e-12)

@@ -103,11 +103,6 @@ def beyond_a_material(samples: Samples, masks: Tensor) -> str | None:
     return f"an albedo in {outside} pixels outside of the masks, expected 0 there" if outside else None
 
 
-def absurd_values(samples: Samples) -> int:
-    """How many values are finite and yet beyond what any image holds."""
-    return sum(int(((value < 0) | (value > LARGEST)).sum()) for value in samples.values.values())
-
-
 def _tensor(what: str, value: Any, shape: tuple[int, ...], *, endless: bool = False) -> Tensor:  # noqa: ANN401
     """A copy of ``value``, if it is a plain float32 tensor of ``shape`` on the CPU; ``endless``: which may hold Inf."""
     if not isinstance(value, Tensor):

@@ -58,8 +58,7 @@ class Kernel(WeightedCoupling):
         views, self._height, self._width = gbuffer.shape
         device = gbuffer.pixel.device
         self._reach = max(1.0, self.radius * max(self._height, self._width))
-        self._filled = self._weight[:, 0].sqrt()
-        self._filled = self._filled * gbuffer.filled * (problem.photographs.mask[:, 0] > 0.999)
+        self._filled = self._weight[:, 0].sqrt() * gbuffer.filled * (problem.photographs.mask[:, 0] > 0.999)
         prediction = samples.values["albedo"]
         if self.free_scale:
             view = gbuffer.view()
@@ -82,7 +81,7 @@ class Kernel(WeightedCoupling):
         weight = self._filled[here] * self._filled[partner] * there
         distance = (self._prediction[here] - self._prediction[partner]).square().sum(-1)
         similarity = torch.exp(-distance / (2 * self.scale**2))
-        difference = self._log(albedo).repeat_interleave(PAIRS, 0) - self._log(fetch(texture, uv))
+        difference = torch.log(albedo + LOG_FLOOR).repeat_interleave(PAIRS, 0) - torch.log(fetch(texture, uv) + LOG_FLOOR)
         return (weight * similarity * difference.abs().mean(-1)).sum() / weight.sum().clamp_min(1e-6)
 
     def _partners(self, pixels: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
@@ -106,7 +105,3 @@ class Kernel(WeightedCoupling):
         face = gbuffer.face[partner, point].clamp_min(0).long()
         uv = self._problem.renderer.surface.uv(face, gbuffer.barycentric[partner, point])
         return partner, uv, found.to(draws.dtype)
-
-    @staticmethod
-    def _log(albedo: Tensor) -> Tensor:
-        return torch.log(albedo + LOG_FLOOR)

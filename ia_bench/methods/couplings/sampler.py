@@ -12,10 +12,9 @@ from torch import Tensor
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.methods.contract import PixelSamples, Problem
 from ia_bench.methods.views import count_views, restrict, view_geometry
-from ia_bench.priors.contract import Distiller, Fingerprinted, Observations, Prior, Refiner, Samples
+from ia_bench.priors.contract import Distiller, Observations, Prior, Refiner, Samples
 from ia_bench.priors.validation import (
     LARGEST,
-    absurd_values,
     ask,
     ask_to_distill,
     ask_to_refine,
@@ -49,7 +48,8 @@ class PriorSampler:
         self.kept_seconds = 0.0
         self._shown: Observations | None = None
         self._told = False
-        keeps = problem.keep_samples and isinstance(prior, Fingerprinted) and not prior.info.sees_truth  # truth is in no key
+        self._fingerprint: str | None = getattr(prior, "fingerprint", None)
+        keeps = problem.keep_samples and self._fingerprint is not None and not prior.info.sees_truth  # truth is in no key
         self._cache = Cache() if keeps else None
 
     def draw(self, guidance: Images | None) -> Samples:
@@ -91,7 +91,7 @@ class PriorSampler:
     def _accounted(self, samples: Samples) -> Samples:
         for name, count in samples.cost.items():
             self.counters[name] = self.counters.get(name, 0) + count
-        absurd = absurd_values(samples)
+        absurd = sum(int(((value < 0) | (value > LARGEST)).sum()) for value in samples.values.values())
         if absurd and not self.counters["prior_absurd_values"]:
             self._note(f"prior {name_of(self._prior)}: {absurd} of its values are negative or above {LARGEST:g}; they are used")
         self.counters["prior_absurd_values"] += absurd
@@ -111,11 +111,9 @@ class PriorSampler:
 
     def _key(self, shown: Observations) -> str:
         """What decides a sample: the prior, the seed and all that is shown."""
-        prior = self._prior
-        assert isinstance(prior, Fingerprinted)
         rounding = f"torch {torch.__version__}, {torch.get_num_threads()} threads"  # the last bits depend on both
         geometry = [tensor for tensor in (shown.normals, shown.visibility, shown.view_count) if tensor is not None]
-        return content_key("samples", prior.fingerprint, rounding, str(self._seed), shown.images, shown.masks, *geometry)
+        return content_key("samples", str(self._fingerprint), rounding, str(self._seed), shown.images, shown.masks, *geometry)
 
 
 def pixel_samples(problem: Problem, samples: Samples, views: tuple[int, ...]) -> PixelSamples:

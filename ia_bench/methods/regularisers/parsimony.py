@@ -77,7 +77,10 @@ def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch
     Albedo (P, 3) linear in [0, 1], roughness (P, 1) perceptual and ``position`` (P, 3) in scene units, of P > 0 places; the first
     two come back.
     """
-    features, one = _features(albedo, roughness, position), torch.ones_like(roughness)
+    shown, place, one = linear_to_srgb(albedo), position - position.mean(0), torch.ones_like(roughness)
+    grey, extent = shown.mean(1, keepdim=True), (place.amax(0) - place.amin(0)).norm().clamp_min(1e-12)
+    parts = math.sqrt(3) * grey / GREY, (shown - grey) / CHROMA, roughness / ROUGHNESS, place / (REACH * extent)
+    features = math.sqrt(math.log2(math.e)) * torch.cat(parts, 1)  # so that weights are powers of two
     values = torch.cat([torch.log(albedo + OFFSET), roughness, one], 1)  # the last one sums the weights
     drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[:PARTNERS]
     half = -0.5 * features.square().sum(1, keepdim=True)
@@ -88,13 +91,3 @@ def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch
         total += (theirs @ (some @ partners).clamp_(FAINT, 0).exp2_().T).T
     mean = sums[:, :4] / sums[:, 4:]
     return mean[:, :3].exp() - OFFSET, mean[:, 3:]
-
-
-def _features(albedo: Tensor, roughness: Tensor, position: Tensor) -> Tensor:
-    """(P, 8), over their bandwidths, times the root of log2(e), so that weights are powers of two."""
-    shown = linear_to_srgb(albedo)
-    grey = shown.mean(1, keepdim=True)
-    place = position - position.mean(0)
-    extent = (place.amax(0) - place.amin(0)).norm().clamp_min(1e-12)
-    parts = math.sqrt(3) * grey / GREY, (shown - grey) / CHROMA, roughness / ROUGHNESS, place / (REACH * extent)
-    return math.sqrt(math.log2(math.e)) * torch.cat(parts, 1)

@@ -30,6 +30,7 @@ class Losses:
     def __init__(self, problem: Problem, settings: FitSettings, prior: PriorLoss) -> None:
         self._problem, self._settings, self._prior = problem, settings, prior
         self._photographs = problem.photographs
+        self._samples_a_half = max(1, problem.plan.samples // 2)  # of the dual-buffer loss, before the renderer rounds them
         self._pairs = neighbouring_pixels(problem, self._photographs.radiance, settings.smooth_scale)
 
     def __call__(
@@ -81,11 +82,6 @@ class Losses:
         if self._settings.image_loss == "l1":
             return samples_taken(self._problem.plan.samples, points)
         return 2 * samples_taken(self._samples_a_half, points)
-
-    @property
-    def _samples_a_half(self) -> int:
-        """Samples of a pixel in each half of the dual-buffer loss, before the renderer rounds them."""
-        return max(1, self._problem.plan.samples // 2)
 
 
 # ---- the image loss ------------------------------------------------------------------------------------------------

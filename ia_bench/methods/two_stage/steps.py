@@ -48,13 +48,15 @@ class MultigridSteps:
             group["lr"] = rates.get(name, 0.0)
             gradient = gradients.get(name)
             for level in levels:
-                gradient = _summed(gradient) if name in moving and gradient is not None else None
-                level.grad = gradient
+                if gradient is not None and name in moving:  # the sums of 2 x 2 texels
+                    gradient = (4 * avg_pool2d(gradient.permute(2, 0, 1)[None], 2))[0].permute(1, 2, 0).contiguous()
+                level.grad = gradient if name in moving else None
         self.optimizer.step()
         for name in moving:
             step = torch.zeros_like(self._levels[name][-1])
             for level in reversed(self._levels[name]):
-                step = _doubled(step + level)
+                coarse = (step + level).permute(2, 0, 1)[None]
+                step = interpolate(coarse, scale_factor=2, mode="bilinear", align_corners=False)[0].permute(1, 2, 0)
                 level.zero_()
             self._images[name].add_(step)
 
@@ -67,16 +69,6 @@ def _levels(image: Tensor) -> list[Tensor]:
         height, width = height // 2, width // 2
         levels.append(torch.zeros(height, width, channels, device=image.device, requires_grad=True))
     return levels
-
-
-def _summed(image: Tensor) -> Tensor:
-    """The sums of 2 x 2 texels: (H, W, C) to (H / 2, W / 2, C)."""
-    return (4 * avg_pool2d(image.permute(2, 0, 1)[None], 2))[0].permute(1, 2, 0).contiguous()
-
-
-def _doubled(image: Tensor) -> Tensor:
-    """(H, W, C) to (2 H, 2 W, C), bilinearly."""
-    return interpolate(image.permute(2, 0, 1)[None], scale_factor=2, mode="bilinear", align_corners=False)[0].permute(1, 2, 0)
 
 
 # ---- scale ambiguity ------------------------------------------------------------------------------------------
