@@ -20,7 +20,6 @@ from ia_bench.methods.truth_seers import Ceiling
 from ia_bench.priors.contract import NoPrior
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
-from ia_bench.runs import interruption
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import identity, labels
@@ -82,33 +81,3 @@ def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
     assert {view.albedo is None and view.specular is None for view in problem.scene.train} == {True}
     assert not {"stage", "plan", "gbuffer", "renderer", "prior"} & vars(problem).keys() - {"stage"}  # nothing is made unasked
     assert isinstance(problem.prior, NoPrior)
-
-
-def test_a_resumed_run_costs_what_both_parts_did(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Killed after some steps: rays and points of the whole are counted once, and the seconds before count too."""
-    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", "prior=oracle"])
-    slept = 1000.0  # seconds more than the first process says that it took
-
-    class Killed(BaseException):
-        pass
-
-    class Dying(RunFolder):
-        def save_checkpoint(self, state: dict[str, Any]) -> None:
-            costs = {**state["costs"], "total": state["costs"]["total"] + slept}
-            super().save_checkpoint({**state, "costs": costs})
-            raise Killed
-
-    def costs(folder: RunFolder) -> tuple[int, float, float]:
-        with folder:
-            found = run(config, folder, Progress(io.StringIO()), labels(config, identity(config)))
-        return found.rays, found.counters["points"], found.time_s["total"]
-
-    rays, points, _ = costs(RunFolder(tmp_path / "whole", {}, "0"))
-    dying, stops = Dying(tmp_path / "killed", {}, "0"), iter([False] * 6)
-    monkeypatch.setattr(interruption, "asked", lambda: next(stops, True))
-    with pytest.raises(Killed):
-        costs(dying)
-    monkeypatch.undo()
-    resumed = costs(RunFolder(tmp_path / "killed", {}, "0"))
-    assert resumed[:2] == (rays, points)
-    assert resumed[2] > slept

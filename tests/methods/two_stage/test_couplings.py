@@ -12,13 +12,10 @@ import torch
 from small_fit import Found, Record, altered, coupled, fit, make_problem, regularised, same
 from torch import Tensor
 
-from ia_bench.common.errors import PluginError
-from ia_bench.material.textures import Material
-from ia_bench.methods.contract import Coupling, FitState, NoCoupling, Problem, Regulariser, StepRender
+from ia_bench.methods.contract import Coupling, NoCoupling, Problem
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.couplings.targets import Distilled, Targets
 from ia_bench.methods.two_stage.settings import FitSettings, LossWeights
-from ia_bench.methods.validation import checked_part
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.renderer import texture_images
@@ -154,34 +151,6 @@ def test_distillation_follows_its_period(problem: Problem, scene: Scene) -> None
     assert len({seed for *_, seed in prior.asked}) == 4
     assert (found.counters["network_calls"], found.counters["distilled"]) == (4, 8)
     assert found.seconds["prior"] > 0
-
-
-class Own(Coupling, Regulariser):
-    """Both in one: takes the albedo as it is, and then makes all roughness .5; fails at what it is told to."""
-
-    def __init__(self, fails: str = "") -> None:
-        self.fails = fails
-
-    def prepare(self, samples: Any, problem: Any = None) -> None:
-        self.target = samples.values["albedo"] if problem is not None else None
-        assert self.fails != "prepare"
-
-    def loss(self, render: StepRender, pixels: Tensor) -> dict[str, Tensor]:
-        assert self.fails != "loss"
-        return {"albedo": (render.albedo - self.target[pixels]).abs().mean()}
-
-    def apply(self, material: Material, state: FitState) -> Material:
-        return replace(material, roughness=torch.full_like(material.roughness, 0.5))
-
-
-def test_plug_ins_of_a_few_lines(problem: Problem, scene: Scene) -> None:
-    regularised_by = replace(SETTINGS, regularise=[f"{__name__}:Own"])
-    own, none = (fit(coupled(problem, one), noisy(scene)[1], regularised_by, Record()) for one in (Own(), NoCoupling()))
-    assert not torch.equal(own.material.albedo, none.material.albedo)
-    assert bool((own.material.roughness == 0.5).all())
-    for call in ("prepare", "loss"):
-        with pytest.raises(PluginError, match="^coupling own raised AssertionError"):
-            fit(coupled(problem, checked_part("coupling", "own", Own(call))), noisy(scene)[1], SETTINGS, Record())
 
 
 # ---- it helps --------------------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench_training.convert_weights import AVERAGE, RELEASE, UNET, convert, main, networks, read_checkpoint
+from ia_bench_training.convert_weights import AVERAGE, RELEASE, UNET, convert, networks, read_checkpoint
 
 TOLERANCE = 2e-5  # two orders of summation in float32; a wrong tensor differs by 0.1 and more
 
@@ -123,18 +123,3 @@ def test_errors_name_file_and_tensor(edit: Callable[[dict], object], message: st
     path = edited(release, tmp_path / "broken.ckpt", edit)
     with pytest.raises(InputError, match=f"broken.ckpt: {message}"):
         convert(path, tmp_path / "out", TINY)
-
-
-def test_mistakes_on_the_command_line(release: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    checkpoint, out = release / "albedo" / "checkpoints" / "last.ckpt", tmp_path / "out"
-    cut = tmp_path / "cut.ckpt"
-    cut.write_bytes(checkpoint.read_bytes()[:-1000])
-    for arguments, message in (
-        ([f"checkpoint={checkpoint}", f"out={out}", f"sha256={'0' * 64}"], f"last.ckpt: expected SHA-256 {'0' * 64}, found "),
-        ([f"checkpoint={tmp_path / 'no.ckpt'}", f"out={out}"], "no.ckpt: expected a file, found none"),
-        ([f"checkpoint={checkpoint}", f"out={weights / 'albedo'}"], "to convert into, found converted weights"),
-        ([f"checkpoint={cut}", f"out={out}"], "cut.ckpt: expected a Lightning checkpoint"),
-    ):
-        assert main(arguments) == 2
-        assert message in capsys.readouterr().err
-    assert not (out / "source.json").exists()
