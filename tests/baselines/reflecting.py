@@ -49,6 +49,12 @@ class Reflecting(ShadedReconstruction):
         super().__init__(stage, material, renderer="home ground", environment=light, shader=shader)
 
 
+def points_at(normal: Tensor, view: Tensor) -> SurfacePoints:
+    """Points at the origin with these normals and views, (N, 3)."""
+    zero = torch.zeros_like(normal)
+    return SurfacePoints(zero, normal, view, zero[:, :2], normal, torch.ones(len(normal), 1, dtype=torch.bool))
+
+
 def _arriving(stage: Stage, position: Tensor, normal: Tensor, directions: Tensor, light: Environment, sent: Tensor) -> Tensor:
     """(N, D, 3): ``light``, or the texture ``sent`` of what surfaces send where a ray hits one."""
     every = directions.expand(len(position), -1, -1).contiguous()

@@ -20,13 +20,7 @@ from ia_bench_baselines.neilfpp.losses import OUTGOING_SHARE, second_hits, trace
 from ia_bench_baselines.neilfpp.method import Neilfpp, NeilfppOptions
 from ia_bench_baselines.neilfpp.shading import reflect, sphere_directions
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_material
-from tests.baselines.reflecting import Reflecting
-
-
-def points_at(normal: Tensor, view: Tensor) -> SurfacePoints:
-    """Points at the origin with these normals and views, (N, 3)."""
-    zero = torch.zeros_like(normal)
-    return SurfacePoints(zero, normal, view, zero[:, :2], normal, torch.ones(len(normal), 1, dtype=torch.bool))
+from tests.baselines.reflecting import Reflecting, points_at
 
 
 def brute_force(normal: Tensor, view: Tensor, incident: Tensor, colour: Tensor, roughness: float, metallic: float) -> Tensor:

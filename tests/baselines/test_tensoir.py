@@ -18,19 +18,13 @@ from ia_bench_baselines.tensoir.method import TensoirOptions
 from ia_bench_baselines.tensoir.model import LINES, PLANES, Tensoir, VectorMatrix, arriving_light
 from ia_bench_baselines.tensoir.shading import reflect, stratified_directions
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_material
-from tests.baselines.reflecting import Reflecting
+from tests.baselines.reflecting import Reflecting, points_at
 
 SMALL = TensoirOptions(
     radiance_steps=4, coarse_steps=3, fine_steps=4, radiance_pixels=64, pixels=32, rows=4, rendered_directions=32, lobes=16,
     coarse=8, fine=12, components=2,
 )  # fmt: skip
 CORNERS = torch.tensor([[-1.0, -1, -1], [1, 1, 1]])
-
-
-def points_at(normal: Tensor, view: Tensor) -> SurfacePoints:
-    """Points at the origin with these normals and views, (N, 3)."""
-    zero = torch.zeros_like(normal)
-    return SurfacePoints(zero, normal, view, zero[:, :2], normal, torch.ones(len(normal), 1, dtype=torch.bool))
 
 
 # ---- the tensor --------------------------------------------------------------------------------------------------------

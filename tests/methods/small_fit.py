@@ -102,6 +102,7 @@ class Record:
 
     def monitor(self, resume: bytes | None = None) -> Monitor:
         """A monitor that writes here and hands out the state ``resume``."""
+
         def save(state: dict[str, Any]) -> None:
             file = io.BytesIO()
             torch.save(state, file)
