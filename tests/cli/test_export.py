@@ -99,8 +99,8 @@ def test_held_out_photographs_stand_where_readers_look_for_them(tiny: Scene, tra
         named = enumerate(replace(one.camera, to_world=matrix) for matrix in matrices)
         return tuple(replace(one, name=f"{split}{number}", camera=camera) for number, camera in named)
 
-    photos, places, found = mixed(replace(tiny, train=views("train", 0, train), test=views("test", 500, held), novel=()))
-    assert (len(photos), len(places), found) == (train + kept, kept, every)
+    photos, options = mixed(replace(tiny, train=views("train", 0, train), test=views("test", 500, held), novel=()))
+    assert (len(photos), options.get("every", 8)) == (train + kept, every)
     assert [photo.name.startswith("test") for photo in photos] == [kept > 0 and place % every == 0 for place in range(len(photos))]
 
 
@@ -121,7 +121,7 @@ def test_pycolmap_reads_the_model(tiny: Scene, tmp_path: Path) -> None:
     pycolmap = pytest.importorskip("pycolmap", reason="needs the extra colmap")
     write_colmap(tmp_path, tiny)
     model = pycolmap.Reconstruction(str(tmp_path / "sparse" / "0"))
-    photos, _, _ = mixed(tiny)
+    photos, _ = mixed(tiny)
     assert (len(model.images), len(model.points3D), len(model.cameras)) == (len(photos), len(tiny.mesh.vertices), 1)
     image, point = model.images[3], model.points3D[17].xyz
     column, row, _ = photos[2].camera.project(point[None])

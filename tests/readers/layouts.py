@@ -246,7 +246,7 @@ WRITTEN: Mapping[str, Mapping[str, Any]] = {
     "nerfactor": {"known": ("albedo", "normal"), "lights": True},
     "synthetic4relight": {"known": ("albedo", "roughness"), "lights": True, "linear": ("train",)},
     "stanford_orb": {"expected": orb_expected, "known": ("albedo", "normal"), "lights": True, "linear": ALL, **ORB},
-    "neilf": {"expected": three_held_out, "known": ("albedo", "roughness"), "linear": ALL, "binary": True},
+    "neilf": {"expected": unlit, "known": ("albedo", "roughness"), "linear": ALL, "binary": True},
     "dtu": {"expected": three_held_out},
     "colmap": {"expected": three_held_out},
     "llff": {"expected": three_held_out},

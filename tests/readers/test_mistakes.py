@@ -248,7 +248,7 @@ MISTAKES: dict[str, Mistakes] = {
         "scaled": (posed(lambda m: m * RESCALED, 3), r"camera.extrinsic: expected a rotation.*det = 8"),
         "camera-to-world": (posed(np.linalg.inv), f"look away|{MESH}"),
         "OpenGL axes": (posed(lambda m: np.diag([1.0, -1, -1, 1]) @ m), AXES),
-        "no positions": (gone("inputs/position_maps"), r"depth_maps/001.exr: no such file"),
+        "no positions": (gone("inputs/position_maps"), r"depth_maps/004.exr: no such file"),
         "focal length in words": (
             edit(SFM, lambda c: c["camera_track_map"]["images"]["3"]["camera"]["intrinsic"].update(focal="48 px")),
             r"images\.3\.camera\.intrinsic\.focal: expected 2 finite numbers, found '48 px'",
@@ -257,7 +257,7 @@ MISTAKES: dict[str, Mistakes] = {
             lambda folder: save_exr(path := folder / "inputs/images/003.exr", read_exr(path, 3) - 0.5),
             r"images/003\.exr: expected radiance, found the negative value -0\.5",
         ),
-        "truth of another size": (picture("ground_truths/materials/kd/008.png", to=smaller), "kd/008.png: expected 32 x 32 pixels"),
+        "truth of another size": (picture("ground_truths/materials/kd/002.png", to=smaller), "kd/002.png: expected 32 x 32 pixels"),
     },
     "openillumination": {
         "no photographs": (gone("Lights"), "expected the folder of one object, with Lights in it"),

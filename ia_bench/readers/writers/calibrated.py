@@ -13,6 +13,7 @@ from ia_bench.readers.writers.parts import (
     Options,
     expect_central,
     intrinsics,
+    lit_and_held_out,
     mixed,
     placed_mesh,
     save_bare_photo,
@@ -32,15 +33,11 @@ POINTS = 20_000  # of COLMAP's sparse model, at most
 UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # (x, z, -y): +y up
 
 
-def _every(every: int) -> Options:
-    return {} if every == 8 else {"every": every}
-
-
 def write_dtu(folder: Path, scene: Scene) -> Options:
     """Photographs and masks by number, and cameras.npz; the mesh is in millimetres."""
     scale = np.diag([SIZE, SIZE, SIZE, 1.0])
     scale[:3, 3] = MIDDLE
-    views, _, every = mixed(scene)
+    views, options = mixed(scene)
     matrices = dict[str, Any]()
     for number, view in enumerate(views):
         save_bare_photo(folder / "image" / f"{number:03}.png", view)
@@ -52,12 +49,12 @@ def write_dtu(folder: Path, scene: Scene) -> Options:
             matrices[f"{kind}_mat_inv_{number}"] = np.linalg.inv(matrices[f"{kind}_mat_{number}"])
     np.savez(folder / "cameras.npz", **matrices)
     save_obj(folder / "mesh.obj", scene, scale)
-    return _every(every)
+    return options
 
 
 def write_colmap(folder: Path, scene: Scene) -> Options:
     """A sparse model in text whose points are vertices of the mesh; photographs and masks under COLMAP's names."""
-    views, _, every = mixed(scene)
+    views, options = mixed(scene)
     images, cameras, sparse = [], dict[tuple[float, ...], int](), folder / "sparse" / "0"
     sparse.mkdir(parents=True)
     for number, view in enumerate(views, 1):
@@ -75,7 +72,7 @@ def write_colmap(folder: Path, scene: Scene) -> Options:
     (sparse / "images.txt").write_text("".join(images))
     (sparse / "points3D.txt").write_text("".join(f"{n} {_row(*point)} 128 128 128 0\n" for n, point in enumerate(points, 1)))
     save_obj(folder / "mesh.obj", scene)
-    return _every(every)
+    return options
 
 
 def _row(*values: float) -> str:
@@ -84,7 +81,7 @@ def _row(*values: float) -> str:
 
 def write_llff(folder: Path, scene: Scene) -> Options:
     """poses_bounds.npy has a row a photograph: [R | t | height, width, focal], axes down, right, backwards; nearest, farthest."""
-    views, _, every = mixed(scene)
+    views, options = mixed(scene)
     expect_central("llff", views, alike=True)
     rows = []
     for number, view in enumerate(views):
@@ -97,14 +94,14 @@ def write_llff(folder: Path, scene: Scene) -> Options:
         rows.append([*np.stack([-up, right, back, place, size], -1).ravel(), 0.9 * depths.min(), 1.1 * depths.max()])
     np.save(folder / "poses_bounds.npy", np.array(rows))
     save_obj(folder / "mesh.obj", scene)
-    return _every(every)
+    return options
 
 
 def write_neilf(folder: Path, scene: Scene) -> Options:
-    """Linear photographs, positions of their pixels on the mesh, and sfm_scene.json; a pixel is covered or it is not."""
-    (views, places, _), mesh = mixed(scene), scene.expect_mesh()
+    """Linear photographs, held-out ones first, positions of their pixels on the mesh, and sfm_scene.json; masks are binary."""
+    mesh, others = scene.expect_mesh(), lit_and_held_out(scene)
     files, images = {}, {}
-    for number, view in enumerate(views):
+    for number, view in enumerate([*others, *scene.train]):
         name, covered = f"{number:03}", view.mask > 0.5
         save_exr(folder / "inputs" / "images" / f"{name}.exr", straight(view.image, view.mask))
         there = covered[..., None] * (BOX * positions(mesh, view.camera, covered) + CENTRE)
@@ -122,7 +119,7 @@ def write_neilf(folder: Path, scene: Scene) -> Options:
     content = {**about, "bbox": {"transform": box.ravel().tolist()}}
     save_json(folder / "inputs" / "sfm_scene.json", content)
     save_obj(folder / "inputs" / "model" / "mesh.obj", scene, UPRIGHT @ place)
-    return {"validation": places}
+    return {"validation": list(range(len(others)))}
 
 
 def positions(mesh: Mesh, camera: Camera, covered: np.ndarray) -> np.ndarray:

@@ -51,23 +51,27 @@ def held_out(scene: Scene) -> list[HeldOut]:
     return found
 
 
-def mixed(scene: Scene) -> tuple[list[View], list[int], int]:
-    """All photographs under the training light in one list, the places of held-out ones, and every how many-th those are.
+def lit_and_held_out(scene: Scene) -> list[View]:
+    """Held-out photographs under the training light: of the views that have a true albedo, or of all where none has."""
+    views = [camera.view for camera in held_out(scene)]
+    return [view for view in views if view.albedo is not None] or views
 
-    Those with a true albedo are held out before others. They are every 8th from the first on where there are as many; otherwise
-    fewer, or every more-th.
+
+def mixed(scene: Scene) -> tuple[list[View], Options]:
+    """All photographs under the training light in one list, and the option that tells a reader every how many-th is held out.
+
+    It is every 8th, from the first on, where there are as many; otherwise fewer, or every more-th.
     """
-    train, others = list(scene.train), [camera.view for camera in held_out(scene)]
-    others = [view for view in others if view.albedo is not None] or others
+    train, others = list(scene.train), lit_and_held_out(scene)
     wanted = -(-len(train) // (HELD_OUT - 1))
     for count in range(min(wanted, len(others)), 0, -1):
-        total, every = len(train) + count, HELD_OUT if count == wanted else -(-(len(train) + count) // count)
-        places = list(range(0, total, every))
-        if len(places) == count and every >= 2:
-            chosen = [others[number * len(others) // count] for number in range(count)]
-            rest, kept = iter(train), iter(chosen)
-            return [next(kept) if place % every == 0 else next(rest) for place in range(total)], places, every
-    return train, [], HELD_OUT
+        total = len(train) + count
+        every = HELD_OUT if count == wanted else -(-total // count)
+        if len(range(0, total, every)) == count and every >= 2:
+            rest, kept = iter(train), (others[number * len(others) // count] for number in range(count))
+            views = [next(rest) if place % every else next(kept) for place in range(total)]
+            return views, {} if every == HELD_OUT else {"every": every}
+    return train, {}
 
 
 def own_light(scene: Scene, name: str) -> str:
