@@ -31,6 +31,7 @@ TO_Z_UP: dict[Up, np.ndarray] = {"z": np.eye(4), "y": np.array([[1.0, 0, 0, 0], 
 ROUGHNESS = 0.5
 """What renders take where nobody knows the roughness."""
 LARGEST_SIDE = 8192  # texels of what several textures make
+PART = 8  # of the largest texture's side that a material without textures has at least
 OUTSIDE = 1e-5  # by which texture coordinates may pass [0, 1]
 
 
@@ -117,7 +118,8 @@ def _as_one(
     if assumed:
         names = ", ".join(name for name, surface in surfaces.items() if surface.roughness is None)
         note(f"{path.name}: roughness of {names or 'its material'} is unknown; renders take {ROUGHNESS}, and it is not scored")
-    metal = any(surface.metallic is not None for surface in surfaces.values())
+    metal = any(surface.metallic is not None and bool(surface.metallic.any()) for surface in surfaces.values())
+    surfaces = surfaces if metal else {name: replace(surface, metallic=None) for name, surface in surfaces.items()}
     absent = {"roughness": ROUGHNESS, **({"metallic": 0.0} if metal else {})}
     full = {
         name: Surface(**{what: np.full((1, 1), value, np.float32) for what, value in absent.items()} | surface.maps)
@@ -132,6 +134,8 @@ def _as_one(
             surface = replace(surface, **both)
         return list(parts), surface, assumed
     size_of = {name: tuple(np.max([image.shape[:2] for image in surface.maps.values()], 0)) for name, surface in full.items()}
+    least = max(1, int(np.max(list(size_of.values()))) // PART)  # of one value: reflected light is solved in the same coordinates
+    size_of = {name: (least, least) if size == (1, 1) else size for name, size in size_of.items()}
     corners, side = _shelves({name: (height + 2, width + 2) for name, (height, width) in size_of.items()})
     if side > LARGEST_SIDE:
         most = f"at most {LARGEST_SIDE} x {LARGEST_SIDE} texels"

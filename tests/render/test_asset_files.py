@@ -174,6 +174,7 @@ def test_obj_of_nvdiffrec(tmp_path: Path) -> None:
     [
         ("Kd .5 .5 .5\nPr .3", 0.3, None),
         ("Kd .5 .5 .5\nPr .3\nPm .25\nNs 10", 0.3, 0.25),
+        ("Kd .5 .5 .5\nPr .3\nPm 0", 0.3, None),
         ("Kd .5 .5 .5\nNs 0", ROUGHNESS, None),
         ("Kd .5 .5 .5\nmap_Ks rough.png", ROUGHNESS, None),  # a specular colour, in plain MTL
     ],
