@@ -30,10 +30,9 @@ from ia_bench.material.brdf import (
 )
 from ia_bench.material.textures import Material, bilinear_taps
 from ia_bench.render import indirect as interreflections
-from ia_bench.render.estimator import FromObject, Shaded
+from ia_bench.render.estimator import FromObject, Shaded, lattice
 from ia_bench.render.gbuffer import GBuffer, SurfacePoints
 from ia_bench.render.indirect import IndirectLight, Interreflection
-from ia_bench.render.lattice import lattice
 from ia_bench.render.renderer import BrdfRayCache, PixelRadiance, Renderer, samples_taken
 from ia_bench.scenes.scene import Mesh
 

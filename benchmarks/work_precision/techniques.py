@@ -16,7 +16,7 @@ from benchmarks.reference import density as light_density
 from benchmarks.reference import normal_bin, sample_texel
 from ia_bench.light.latlong import LatLongSampler, direction_to_texel, texel_to_direction
 from ia_bench.material.brdf import dot, sample_visible_ggx, tangent_frame, visible_ggx_pdf
-from ia_bench.render.lattice import lattice
+from ia_bench.render.estimator import lattice
 
 TECHNIQUES: dict[str, tuple[str, ...]] = {
     "uniform": ("hemisphere",),

@@ -33,19 +33,17 @@ def misplaced(views: Sequence[View], faults: FaultSettings) -> list[Camera]:
     """
     if faults.poses == 0:
         return [view.camera for view in views]
-    centre = centre_of(views)
-    return [_misplaced(view, centre, faults) for view in views]
-
-
-def _misplaced(view: View, centre: np.ndarray, faults: FaultSettings) -> Camera:
-    camera, area = view.camera, max(float((view.mask > HALF).sum()), 1.0)
-    focal = 0.5 * (camera.focal[0] + camera.focal[1])
-    distance = float(np.linalg.norm(camera.position - centre))
-    points = centre + np.sqrt(area / np.pi) / focal * distance * np.concatenate([np.eye(3), -np.eye(3)])
-    units = pixel_motions(camera, distance, area)
-    apart = [seen_at(moved(camera, SMALL * units * one), points) - seen_at(camera, points) for one in np.eye(6)]
-    expected = float(np.sqrt(np.sum(np.square(apart)) / len(points))) / SMALL
-    return moved(camera, faults.poses / expected * units * _random(faults, POSE, view).standard_normal(6))
+    centre, found = centre_of(views), []
+    for view in views:
+        camera, area = view.camera, max(float((view.mask > HALF).sum()), 1.0)
+        focal = 0.5 * (camera.focal[0] + camera.focal[1])
+        distance = float(np.linalg.norm(camera.position - centre))
+        points = centre + np.sqrt(area / np.pi) / focal * distance * np.concatenate([np.eye(3), -np.eye(3)])
+        units = pixel_motions(camera, distance, area)
+        apart = [seen_at(moved(camera, SMALL * units * one), points) - seen_at(camera, points) for one in np.eye(6)]
+        expected = float(np.sqrt(np.sum(np.square(apart)) / len(points))) / SMALL
+        found.append(moved(camera, faults.poses / expected * units * _random(faults, POSE, view).standard_normal(6)))
+    return found
 
 
 # ---------------------------------------------------------------- masks
@@ -87,7 +85,6 @@ def blurred(views: Sequence[View], faults: FaultSettings) -> list[View]:
     """The views, some of them through a Gaussian of ``faults.blur`` pixels: picture and coverage."""
     chosen = _chosen(views, faults.blurred_views, faults, BLURRED, "blurred_views")
 
-
     def through(view: View) -> View:
         image, mask = (gaussian_filter(part, faults.blur, axes=(0, 1)) for part in (view.image, view.mask))
         return replace(view, image=image, mask=mask)
@@ -125,12 +122,11 @@ def inside(views: Sequence[View], margin: float) -> tuple[View, ...]:
     A pixel on a wrong side of an outline shows the background, or is black where the object is; so wide an edge is left out that
     none such is left in. A point of the surface that one view sees there, others see away from their outlines.
     """
-    return tuple(_inside(view, margin) for view in views)
-
-
-def _inside(view: View, margin: float) -> View:
-    sure = (outline_distance(carving_mask(view)) < -margin) & (view.mask > 0)
-    if not sure.any():  # a view of next to nothing: better unsure than unseen
-        return view
-    image = np.where(sure[..., None], straight(view.image, view.mask), np.float32(0))
-    return replace(view, image=image, mask=sure.astype(np.float32), valid=sure & view.known)
+    found = []
+    for view in views:
+        sure = (outline_distance(carving_mask(view)) < -margin) & (view.mask > 0)
+        if sure.any():  # of a view of next to nothing better unsure than unseen
+            image = np.where(sure[..., None], straight(view.image, view.mask), np.float32(0))
+            view = replace(view, image=image, mask=sure.astype(np.float32), valid=sure & view.known)
+        found.append(view)
+    return tuple(found)

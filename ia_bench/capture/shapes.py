@@ -14,7 +14,7 @@ from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.geometry.consistency import MovingPhotographs
-from ia_bench.geometry.grid import DistanceGrid, mesh_of, smoothed
+from ia_bench.geometry.grid import mesh_of, smoothed
 from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.refinement import surface_from_images
 from ia_bench.scenes.scene import Mesh, Scene
@@ -64,11 +64,18 @@ def with_geometry(
 def _made(
     scene: Scene, settings: CaptureSettings, note: Callable[[str], None], normals: Sequence[np.ndarray], begin: Begin
 ) -> dict[str, torch.Tensor]:
-    cells = settings.sdf.cells if settings.geometry == "sdf" else settings.cells
+    sdf, from_images = settings.sdf, settings.geometry == "sdf"
+    cells = sdf.cells if from_images else settings.cells
     note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {cells} cells a side")
-    moving = MovingPhotographs(scene.train) if settings.geometry == "sdf" and settings.sdf.align else None
+    moving = MovingPhotographs(scene.train) if from_images and sdf.align else None
+    known = {"exposures_differ": scene.exposures_differ, "normals": normals, "photographs": moving}
     with _to_the_bit():
-        mesh = mesh_of(_distances(scene, settings, normals, moving, begin), settings.triangles)
+        if from_images:
+            options = {"tolerated": settings.tolerated, "seed": sdf.seed, "begin": begin}
+            grid = surface_from_images(scene.train, cells, sdf.steps, **known, **options)  # type: ignore[arg-type]
+        else:
+            grid = visual_hull(scene.train, cells, settings.tolerated)
+        mesh = mesh_of(grid, settings.triangles)
     made = {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in PARTS}
     if moving is not None:
         made[CAMERAS] = torch.from_numpy(np.stack([camera.to_world for camera in moving.cameras(scene.train)]))
@@ -87,25 +94,6 @@ def _to_the_bit() -> Iterator[None]:
         yield
     finally:
         torch.set_deterministic_debug_mode(before)
-
-
-def _distances(
-    scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray], moving: MovingPhotographs | None, begin: Begin
-) -> DistanceGrid:
-    if settings.geometry == "hull":
-        return visual_hull(scene.train, settings.cells, settings.tolerated)
-    sdf, differ = settings.sdf, scene.exposures_differ
-    return surface_from_images(
-        scene.train,
-        sdf.cells,
-        sdf.steps,
-        tolerated=settings.tolerated,
-        exposures_differ=differ,
-        normals=normals,
-        photographs=moving,
-        seed=sdf.seed,
-        begin=begin,
-    )
 
 
 def _key(scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray]) -> str:

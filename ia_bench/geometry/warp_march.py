@@ -21,44 +21,41 @@ _FAR = wp.constant(6.0)  # widths from the surface beyond which the logistic fun
 class Taps:
     """The cell of a point and where in it the point is."""
 
-    x: int
-    y: int
-    z: int
-    u: float
-    v: float
-    w: float
+    cell: wp.vec3i
+    place: wp.vec3
 
 
 @wp.func
-def taps_at(place: wp.vec3, nx: int, ny: int, nz: int):
+def taps_at(point: wp.vec3, values: wp.array3d(dtype=float)):
     """The cell of a point, the nearest one for a point outside of the grid."""
-    x = wp.clamp(place[0], 0.0, float(nx - 1) - 1.0e-4)
-    y = wp.clamp(place[1], 0.0, float(ny - 1) - 1.0e-4)
-    z = wp.clamp(place[2], 0.0, float(nz - 1) - 1.0e-4)
     taps = Taps()
-    taps.x = wp.min(int(x), nx - 2)
-    taps.y = wp.min(int(y), ny - 2)
-    taps.z = wp.min(int(z), nz - 2)
-    taps.u = x - float(taps.x)
-    taps.v = y - float(taps.y)
-    taps.w = z - float(taps.z)
+    for axis in range(3):
+        count = values.shape[axis]
+        along = wp.clamp(point[axis], 0.0, float(count - 1) - 1.0e-4)
+        taps.cell[axis] = wp.min(int(along), count - 2)
+        taps.place[axis] = along - float(taps.cell[axis])
     return taps
 
 
 @wp.func
 def value_at(values: wp.array3d(dtype=float), t: Taps):
     """Trilinear."""
-    a = wp.lerp(values[t.x, t.y, t.z], values[t.x, t.y, t.z + 1], t.w)
-    b = wp.lerp(values[t.x, t.y + 1, t.z], values[t.x, t.y + 1, t.z + 1], t.w)
-    c = wp.lerp(values[t.x + 1, t.y, t.z], values[t.x + 1, t.y, t.z + 1], t.w)
-    d = wp.lerp(values[t.x + 1, t.y + 1, t.z], values[t.x + 1, t.y + 1, t.z + 1], t.w)
-    return wp.lerp(wp.lerp(a, b, t.v), wp.lerp(c, d, t.v), t.u)
+    x = t.cell[0]
+    y = t.cell[1]
+    z = t.cell[2]
+    a = wp.lerp(values[x, y, z], values[x, y, z + 1], t.place[2])
+    b = wp.lerp(values[x, y + 1, z], values[x, y + 1, z + 1], t.place[2])
+    c = wp.lerp(values[x + 1, y, z], values[x + 1, y, z + 1], t.place[2])
+    d = wp.lerp(values[x + 1, y + 1, z], values[x + 1, y + 1, z + 1], t.place[2])
+    return wp.lerp(wp.lerp(a, b, t.place[1]), wp.lerp(c, d, t.place[1]), t.place[0])
 
 
 @wp.func
-def near_corner(place: float, corner: int):
-    """How near a place between two vertices, 0 to 1, is to the first or the second one."""
-    return wp.where(corner == 1, place, 1.0 - place)
+def weight_of(t: Taps, i: int, j: int, k: int):
+    """What the corner (i, j, k) of the cell, of zeros and ones, has of the point."""
+    x = wp.where(i == 1, t.place[0], 1.0 - t.place[0])
+    y = wp.where(j == 1, t.place[1], 1.0 - t.place[1])
+    return x * y * wp.where(k == 1, t.place[2], 1.0 - t.place[2])
 
 
 @wp.func
@@ -67,8 +64,7 @@ def add_value(values: wp.array3d(dtype=float), t: Taps, amount: float):
     for i in range(2):
         for j in range(2):
             for k in range(2):
-                part = amount * near_corner(t.u, i) * near_corner(t.v, j) * near_corner(t.w, k)
-                values[t.x + i, t.y + j, t.z + k] += part
+                values[t.cell[0] + i, t.cell[1] + j, t.cell[2] + k] += amount * weight_of(t, i, j, k)
 
 
 @wp.func
@@ -78,8 +74,7 @@ def features_at(features: wp.array3d(dtype=vec8), t: Taps):
     for i in range(2):
         for j in range(2):
             for k in range(2):
-                weight = near_corner(t.u, i) * near_corner(t.v, j) * near_corner(t.w, k)
-                total += weight * features[t.x + i, t.y + j, t.z + k]
+                total += weight_of(t, i, j, k) * features[t.cell[0] + i, t.cell[1] + j, t.cell[2] + k]
     return total
 
 
@@ -89,8 +84,7 @@ def add_features(features: wp.array3d(dtype=vec8), t: Taps, amount: vec8):
     for i in range(2):
         for j in range(2):
             for k in range(2):
-                weight = near_corner(t.u, i) * near_corner(t.v, j) * near_corner(t.w, k)
-                features[t.x + i, t.y + j, t.z + k] += weight * amount
+                features[t.cell[0] + i, t.cell[1] + j, t.cell[2] + k] += weight_of(t, i, j, k) * amount
 
 
 @wp.func
@@ -101,29 +95,17 @@ def logistic(x: float):
 
 @wp.kernel
 def gather(
-    first: int,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    near: wp.array(dtype=float),
-    far: wp.array(dtype=float),
-    values: wp.array3d(dtype=float),
-    features: wp.array3d(dtype=vec8),
-    width: float,
-    stride: float,
-    gathered: wp.array(dtype=vec8),
-    opacity: wp.array(dtype=float),
-    depth: wp.array(dtype=float),
-):
+    first: int, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3), near: wp.array(dtype=float),
+    far: wp.array(dtype=float), values: wp.array3d(dtype=float), features: wp.array3d(dtype=vec8), width: float, stride: float,
+    gathered: wp.array(dtype=vec8), opacity: wp.array(dtype=float), depth: wp.array(dtype=float),
+):  # fmt: skip
     """Features, opacity and distance that a ray gathers, each weighted by what stops it there."""
     n = first + wp.tid()
-    nx = values.shape[0]
-    ny = values.shape[1]
-    nz = values.shape[2]
     total = vec8()
     distance = float(0.0)
     clear = float(1.0)
     t = float(near[n])
-    before = value_at(values, taps_at(origins[n] + t * directions[n], nx, ny, nz))
+    before = value_at(values, taps_at(origins[n] + t * directions[n], values))
     cumulative = logistic(before / width)
     for _step in range(_STEPS):
         if t >= far[n] or clear < _CLEAR:
@@ -131,15 +113,15 @@ def gather(
         skip = _CAUTION * (before - _FAR * width)
         if skip > stride:
             t += skip
-            before = value_at(values, taps_at(origins[n] + t * directions[n], nx, ny, nz))
+            before = value_at(values, taps_at(origins[n] + t * directions[n], values))
             cumulative = logistic(before / width)
             continue
-        after = value_at(values, taps_at(origins[n] + (t + stride) * directions[n], nx, ny, nz))
+        after = value_at(values, taps_at(origins[n] + (t + stride) * directions[n], values))
         next_cumulative = logistic(after / width)
         if next_cumulative < cumulative:
             weight = clear * (1.0 - next_cumulative / cumulative)
             middle = t + 0.5 * stride
-            total += weight * features_at(features, taps_at(origins[n] + middle * directions[n], nx, ny, nz))
+            total += weight * features_at(features, taps_at(origins[n] + middle * directions[n], values))
             distance += weight * middle
             clear *= next_cumulative / cumulative
         t += stride
@@ -152,37 +134,22 @@ def gather(
 
 @wp.kernel
 def gather_adjoint(
-    first: int,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    near: wp.array(dtype=float),
-    far: wp.array(dtype=float),
-    values: wp.array3d(dtype=float),
-    features: wp.array3d(dtype=vec8),
-    width: float,
-    stride: float,
-    gathered: wp.array(dtype=vec8),
-    opacity: wp.array(dtype=float),
-    depth: wp.array(dtype=float),
-    of_gathered: wp.array(dtype=vec8),
-    of_opacity: wp.array(dtype=float),
-    of_depth: wp.array(dtype=float),
-    of_values: wp.array3d(dtype=float),
-    of_features: wp.array3d(dtype=vec8),
-):
+    first: int, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3), near: wp.array(dtype=float),
+    far: wp.array(dtype=float), values: wp.array3d(dtype=float), features: wp.array3d(dtype=vec8), width: float, stride: float,
+    gathered: wp.array(dtype=vec8), opacity: wp.array(dtype=float), depth: wp.array(dtype=float),
+    of_gathered: wp.array(dtype=vec8), of_opacity: wp.array(dtype=float), of_depth: wp.array(dtype=float),
+    of_values: wp.array3d(dtype=float), of_features: wp.array3d(dtype=vec8),
+):  # fmt: skip
     """What :func:`gather` passes back to values and features.
 
     With the weight w_i = T_i (1 - r_i), r_i = S(f_{i+1} / s) / S(f_i / s), T_i = r_0 ... r_{i-1}, and q_i what a unit of w_i is
     worth: dL / dr_i = (sum over j > i of w_j q_j) / r_i - T_i q_i, and S' = S (1 - S).
     """
     n = first + wp.tid()
-    nx = values.shape[0]
-    ny = values.shape[1]
-    nz = values.shape[2]
     rest = wp.dot(of_gathered[n], gathered[n]) + of_opacity[n] * opacity[n] + of_depth[n] * depth[n]
     clear = float(1.0)
     t = float(near[n])
-    place = taps_at(origins[n] + t * directions[n], nx, ny, nz)
+    place = taps_at(origins[n] + t * directions[n], values)
     before = value_at(values, place)
     cumulative = logistic(before / width)
     owed = float(0.0)  # to the value at the end of the last segment
@@ -195,11 +162,11 @@ def gather_adjoint(
                 add_value(of_values, place, owed)
                 owed = 0.0
             t += skip
-            place = taps_at(origins[n] + t * directions[n], nx, ny, nz)
+            place = taps_at(origins[n] + t * directions[n], values)
             before = value_at(values, place)
             cumulative = logistic(before / width)
             continue
-        end = taps_at(origins[n] + (t + stride) * directions[n], nx, ny, nz)
+        end = taps_at(origins[n] + (t + stride) * directions[n], values)
         after = value_at(values, end)
         next_cumulative = logistic(after / width)
         owed_after = float(0.0)
@@ -207,7 +174,7 @@ def gather_adjoint(
             ratio = next_cumulative / cumulative
             weight = clear * (1.0 - ratio)
             middle = t + 0.5 * stride
-            inner = taps_at(origins[n] + middle * directions[n], nx, ny, nz)
+            inner = taps_at(origins[n] + middle * directions[n], values)
             worth = wp.dot(of_gathered[n], features_at(features, inner)) + of_opacity[n] + of_depth[n] * middle
             add_features(of_features, inner, weight * of_gathered[n])
             rest -= weight * worth

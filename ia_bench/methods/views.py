@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from ia_bench.material.brdf import normalize, tangent_frame
+from ia_bench.render.estimator import lattice
 from ia_bench.render.gbuffer import GBuffer
-from ia_bench.render.lattice import lattice
 from ia_bench.render.rays import RayCaster
 from ia_bench.scenes.scene import Camera, Scene, farthest_first
 

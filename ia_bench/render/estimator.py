@@ -12,59 +12,38 @@ from torch.autograd.function import once_differentiable
 from ia_bench.common.warp_launch import launch
 from ia_bench.light.latlong import LatLongSampler
 from ia_bench.light.warp_latlong import tables_of
-from ia_bench.material.brdf import coat_reflectance
+from ia_bench.material.brdf import GOLDEN, coat_reflectance
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import SurfacePoints
-from ia_bench.render.kernels import draw, shade, shade_adjoint
+from ia_bench.render.kernels import PLASTIC, draw, shade, shade_adjoint
 
 
 @dataclass(frozen=True)
 class DirectionSamples:
-    """Directions of N points, ``count`` by the light and then ``count`` by the BRDF.
+    """Directions of N points, ``count`` by the light and then ``count`` by the BRDF."""
 
-    Attributes:
-        direction: (N, 2 count, 3), unit.
-        texel: (N, 2 count) int32, of the light; -1 where a sample adds nothing.
-        terms: (N, 2 count, 4), what the sample is worth; see :func:`ia_bench.render.kernels.draw`.
-        boost: (N, count), by how much more the directions by the BRDF would weigh if there were no others.
-    """
-
-    direction: Tensor
-    texel: Tensor
-    terms: Tensor
-    boost: Tensor
+    direction: Tensor  # (N, 2 count, 3), unit
+    texel: Tensor  # (N, 2 count) int32, of the light; -1 where a sample adds nothing
+    terms: Tensor  # (N, 2 count, 4), what the sample is worth; see :func:`ia_bench.render.kernels.draw`
+    boost: Tensor  # (N, count), by how much more the directions by the BRDF would weigh if there were no others
 
 
 class FromObject(NamedTuple):
-    """What the object throws onto itself, in the eyes of N points.
+    """What the object throws onto itself, in the eyes of N points."""
 
-    Attributes:
-        arriving: (A, 3), the irradiance of the texels of an atlas; differentiable.
-        leaving: (A, 3), their radiance; differentiable.
-        atlas: (side, side) int32, the texel at each place.
-        seen: (N, count) int32, the texel that each direction by the BRDF ends on, -1 for none.
-    """
-
-    arriving: Tensor
-    leaving: Tensor
-    atlas: Tensor
-    seen: Tensor
+    arriving: Tensor  # (A, 3), the irradiance of the texels of an atlas; differentiable
+    leaving: Tensor  # (A, 3), their radiance; differentiable
+    atlas: Tensor  # (side, side) int32, the texel at each place
+    seen: Tensor  # (N, count) int32, the texel that each direction by the BRDF ends on, -1 for none
 
 
 class Shaded(NamedTuple):
-    """What N points send to the camera, each (N, 3).
+    """What N points send to the camera, each (N, 3)."""
 
-    Attributes:
-        diffuse: Radiance of the diffuse lobe.
-        specular: Radiance of the specular lobe, of the light itself.
-        mirrored: Radiance of the specular lobe, of the object itself.
-        albedo: The texture, no radiance.
-    """
-
-    diffuse: Tensor
-    specular: Tensor
-    mirrored: Tensor
-    albedo: Tensor
+    diffuse: Tensor  # radiance of the diffuse lobe
+    specular: Tensor  # radiance of the specular lobe, of the light itself
+    mirrored: Tensor  # radiance of the specular lobe, of the object itself
+    albedo: Tensor  # the texture, no radiance
 
 
 @torch.no_grad()
@@ -152,3 +131,17 @@ class _Shade(torch.autograd.Function):
         adjoints = [None if leaf is None else torch.zeros_like(leaf) for leaf in leaves]
         launch(shade_adjoint, len(given[0]), *leaves, *ctx.fixed, *given, sums=adjoints, device=given[0].device)
         return None, *adjoints
+
+
+def lattice(rotation: Tensor, points: int, count: int, part: int = 0, parts: int = 1) -> Tensor:
+    """Lattice samples of (P, 3) rotations in [0, 1), one a pixel: (P, points, count, 3), uniform in [0, 1)^3, float64.
+
+    Point s of a pixel takes the lattice's entries s, s + points, s + 2 points, ..., so that each spans the whole range. A
+    lattice too long for one pass is dealt out to ``parts`` of them: of each point's entries the first pass takes the first, the
+    second the second, and so on in turn; ``part`` says which pass this is.
+    """
+    entry = part + parts * torch.arange(count, dtype=torch.float64, device=rotation.device)
+    index = (points * entry[:, None] + torch.arange(points, device=rotation.device)).reshape(-1)
+    generators = torch.stack([index / (parts * points * count), index * GOLDEN, index * PLASTIC], -1)
+    samples = torch.remainder(rotation[:, None] + generators, 1.0).clamp(max=1 - 2**-24)
+    return samples.reshape(len(rotation), count, points, 3).transpose(1, 2)

@@ -100,15 +100,10 @@ def mesh_key(kind: str, mesh: Mesh, *sizes: int, device: torch.device) -> str:
 
 
 class IndirectLight(NamedTuple):
-    """What the object throws onto itself, at the N texels of its atlas.
+    """What the object throws onto itself, at the N texels of its atlas."""
 
-    Attributes:
-        arriving: (N, 3), the irradiance from the object itself.
-        leaving: (N, 3), the radiance that the texels send out.
-    """
-
-    arriving: Tensor
-    leaving: Tensor
+    arriving: Tensor  # (N, 3), the irradiance from the object itself
+    leaving: Tensor  # (N, 3), the radiance that the texels send out
 
 
 class Operator:

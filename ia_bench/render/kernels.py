@@ -17,10 +17,10 @@ from ia_bench.light.warp_latlong import Tables, density, direction_to_texel, nor
 from ia_bench.material.brdf import F0, GOLDEN, MIN_COSINE
 from ia_bench.material.warp_brdf import lobe_towards, sample_visible_ggx, seen_point
 from ia_bench.material.warp_textures import Taps, add_colour, add_scalar, bilinear_taps, fetch_colour, fetch_scalar
-from ia_bench.render.lattice import PLASTIC
 
 wp.set_module_options({"enable_backward": False, "fast_math": False})
 
+PLASTIC = 0.7548776662466927  # the third generator, from the plastic number (Roberts' R2 sequence); the second is GOLDEN
 _MIN_COSINE = wp.constant(wp.float32(MIN_COSINE))
 
 

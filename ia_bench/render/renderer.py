@@ -23,19 +23,12 @@ MET_BYTES = 512 * 2**20  # of what directions by the BRDF meet, kept between pic
 
 @dataclass(frozen=True)
 class PixelRadiance:
-    """Premultiplied values of P pixels, each (P, 3).
+    """Premultiplied values of P pixels, each (P, 3)."""
 
-    Attributes:
-        diffuse: Radiance of the diffuse lobe, indirect light included.
-        specular: Radiance of the specular lobe under the light itself: the paper's specular shading.
-        albedo: The mean of the texture over the pixel.
-        mirrored: Specular radiance of the object in itself, None without indirect light.
-    """
-
-    diffuse: Tensor
-    specular: Tensor
-    albedo: Tensor
-    mirrored: Tensor | None = None
+    diffuse: Tensor  # radiance of the diffuse lobe, indirect light included
+    specular: Tensor  # radiance of the specular lobe under the light itself: the paper's specular shading
+    albedo: Tensor  # the mean of the texture over the pixel
+    mirrored: Tensor | None = None  # specular radiance of the object in itself, None without indirect light
 
     @property
     def radiance(self) -> Tensor:

@@ -130,12 +130,8 @@ class Leader:
         found = self.lead.over_seeds
         if self.second is None:
             return "the only row"
-        if found is None:
-            return "no seed in common: how sure is unknown"
-        if len(self.lead.pairs) < self.scenes:
-            return "no seed in common on some scene: how sure is unknown"
-        if found.half_width is None:
-            return "one seed: how sure is unknown"
+        if found is None or found.half_width is None or len(self.lead.pairs) < self.scenes:
+            return "too few seeds in common: how sure is unknown"
         if abs(found.mean) <= found.half_width:
             return "undecided: other seeds may turn it"
         return "decided over seeds" if found.mean > 0 else "behind on shared seeds"

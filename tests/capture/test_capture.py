@@ -54,11 +54,6 @@ def test_views_are_nested_and_spread(tiny: Scene) -> None:
     assert widest_gap(spread(tiny.train, 4), tiny.train) < np.quantile(gaps, 0.1)
 
 
-def test_more_views_than_there_are(tiny: Scene) -> None:
-    with pytest.raises(InputError, match="capture.views=17: expected at most 16"):
-        take(tiny, views=17)
-
-
 # ---------------------------------------------------------------- radiometry
 def made_up(values: list[float], mask: float = 1.0, name: str = "0") -> View:
     """A row of grey pixels of these radiances and one coverage."""
@@ -115,21 +110,6 @@ def test_ldr_captures_say_what_they_lost(tiny: Scene) -> None:
     assert [v.image.tobytes() for v in after.novel] == [v.image.tobytes() for v in tiny.novel]
     assert after.exposures_differ is False
     assert take(tiny, radiometry="ldr", exposure="per_image").blind().exposures_differ is True
-
-
-def test_only_what_was_clipped_counts_as_saturated(tiny: Scene) -> None:
-    """A margin and masks that are put right make pixels unknown, too; so does a reader."""
-    clipped = {"radiometry": "ldr", "percentile": 90.0}
-    marked = {"margin": 2.0, "consistency": 1}
-    shares = [
-        record(take(tiny, **settings), CaptureSettings(**settings))["saturated_share"]  # type: ignore[arg-type]
-        for settings in (clipped, clipped | marked, marked)
-    ]
-    assert shares[0] == shares[1] > 0
-    assert shares[2] == 0.0
-    unknown = np.zeros(tiny.train[0].mask.shape, bool)
-    read = replace(tiny, train=tuple(replace(view, valid=unknown) for view in tiny.train))
-    assert record(take(read, **clipped), CaptureSettings())["saturated_share"] == 0.0
 
 
 def test_saturation_by_hand(tiny: Scene) -> None:
@@ -192,11 +172,6 @@ def test_cameras_move_with_their_photographs_where_they_may(tiny: Scene) -> None
     assert all(a is b for a, b in zip(one.test, tiny.test, strict=True))
     stay = captured(tiny, replace(settings, sdf=replace(sdf, align=False)), lambda line: None)
     assert all(a.camera is b.camera for a, b in zip(stay.train, tiny.train, strict=True))
-
-
-def test_labels_name_what_an_sdf_has_of_its_own() -> None:
-    assert CaptureSettings(geometry="sdf").label == "sdf"
-    assert CaptureSettings(geometry="sdf", sdf=SdfSettings(cells=96, steps=0)).label == "sdf, sdf cells 96, sdf steps 0"
 
 
 def test_smoothed_meshes_keep_their_textures(tiny: Scene) -> None:

@@ -121,14 +121,6 @@ def test_lines_can_be_reviewed(document: Path) -> None:
     assert not long, "\n".join(long)
 
 
-def test_the_check_itself_sees_a_broken_link(tmp_path: Path) -> None:
-    (tmp_path / "there.md").write_text("# One heading, `with code`\n")
-    (tmp_path / "here.md").write_text("[a](there.md#one-heading-with-code) [b](there.md#another) [c](gone.md)\n")
-    assert anchors(tmp_path / "there.md") == {"one-heading-with-code"}
-    with pytest.raises(AssertionError, match=r"another"):
-        test_links_and_anchors_resolve(tmp_path / "here.md")
-
-
 @pytest.mark.parametrize("document", WRITTEN, ids=name)
 def test_blocks_that_name_a_file_show_it_as_it_is(document: Path) -> None:
     """A fenced block whose first line is a comment with a path, such as ``# examples/NAME/file.py``, holds that file whole."""

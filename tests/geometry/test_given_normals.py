@@ -65,12 +65,6 @@ def test_each_format_is_read_as_what_was_written(
         assert normals.dtype == np.float32
 
 
-def test_larger_pictures_are_averaged(views: list[View], tmp_path: Path) -> None:
-    folder = folder_of(views, tmp_path / "normals", lambda path, n: write_npy(path, n.repeat(2, 0).repeat(2, 1)))
-    for view, normals in zip(views, given_normals(str(folder), views), strict=True):
-        np.testing.assert_allclose(normals, bowls.camera_normals(view), atol=1e-6)
-
-
 @pytest.mark.parametrize("wrong", ["OpenCV's", "inward", "the world's"])
 def test_normals_that_look_away_are_refused(views: list[View], tmp_path: Path, wrong: str) -> None:
     def turned(view: View) -> np.ndarray:

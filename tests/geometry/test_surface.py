@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-import xatlas
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.grid import DistanceGrid, extracted, mesh_of, smoothed
+from ia_bench.geometry.grid import DistanceGrid, mesh_of, smoothed
 from ia_bench.geometry.mesh import unwrap
 from ia_bench.scenes.scene import Mesh
 from tests.shapes import sphere
@@ -48,13 +47,6 @@ def test_the_mesh_of_a_ball() -> None:
     wound = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert ((wound * (corners.mean(1) - np.array([0.1, 0.0, -0.2]))).sum(1) > 0).all()
     assert 0 <= mesh.uv.min() < mesh.uv.max() <= 1
-
-
-def test_crumbs_go_and_parts_stay() -> None:
-    vertices, _ = extracted(field(((-0.4, 0.0, 0.0), 0.4), ((0.5, 0.0, 0.0), 0.3), ((0.0, 0.9, 0.0), 0.03)))
-    assert vertices[:, 0].min() < -0.7
-    assert vertices[:, 0].max() > 0.7
-    assert vertices[:, 1].max() < 0.5
 
 
 # ---------------------------------------------------------------- heat flow of a sphere
@@ -100,20 +92,6 @@ def test_a_small_object_has_the_atlas_of_a_large_one(scale: float) -> None:
     small = unwrapped(ball(scale))
     assert covered(small) == pytest.approx(covered(unwrapped(ball(1.0))), abs=0.02)
     np.testing.assert_allclose(np.linalg.norm(small.vertices, axis=1), scale, rtol=1e-5)  # it stays where it is
-
-
-@pytest.mark.parametrize("scale", [0.25, 0.5, 3.0])
-def test_other_objects_are_given_to_xatlas_as_they_are(scale: float) -> None:
-    """From a longest side of .5 on, to the bit: textures of finished runs belong to these coordinates."""
-    solid = ball(scale)
-    atlas, options = xatlas.Atlas(), xatlas.PackOptions()
-    atlas.add_mesh(solid.vertices.astype(np.float32), solid.faces.astype(np.uint32), solid.vertex_normals.astype(np.float32))
-    options.padding, options.resolution, options.bilinear = 2, 1024, True
-    atlas.generate(pack_options=options)
-    _, faces, uv = atlas[0]
-    mesh = unwrapped(solid)
-    np.testing.assert_array_equal(mesh.faces, faces)
-    np.testing.assert_array_equal(mesh.uv, uv)
 
 
 def test_coordinates_that_are_not_finite_are_refused() -> None:

@@ -7,6 +7,7 @@ that the kernels drew, because a narrow lobe changes by more than the tolerance 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import pytest
@@ -17,9 +18,8 @@ from benchmarks import reference
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS, tangent_frame
 from ia_bench.material.textures import Material
-from ia_bench.render.estimator import DirectionSamples, FromObject, draw_samples, shade_samples
+from ia_bench.render.estimator import DirectionSamples, FromObject, draw_samples, lattice, shade_samples
 from ia_bench.render.gbuffer import SurfacePoints
-from ia_bench.render.lattice import lattice
 
 pytestmark = pytest.mark.verify
 
@@ -194,4 +194,19 @@ def test_values_and_gradients(case: Case) -> None:
         assert float(gradient.abs().max()) > 0, name
 
 
-# ---------------------------------------------------------------- the light's texels
+# ---------------------------------------------------------------- the lattice
+@pytest.mark.parametrize(("points", "count"), [(1, 16), (4, 8), (9, 3)])
+def test_lattice_is_uniform_and_stratified(points: int, count: int) -> None:
+    """Over random rotations every entry is uniform; in each pixel the first coordinate has one entry per stratum."""
+    rotation = torch.rand(4000, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    samples = lattice(rotation, points, count)
+    assert samples.shape == (4000, points, count, 3)
+    assert 0 <= float(samples.min()) <= float(samples.max()) < 1
+    assert float(samples.float().max()) < 1
+    strata = (samples[..., 0].reshape(4000, -1) * points * count).long().sort(dim=1).values
+    assert torch.equal(strata, torch.arange(points * count).expand(4000, -1))
+    deviation = samples.mean(0) - 0.5  # of 4000 uniform numbers: sigma = 1 / sqrt(12 * 4000)
+    assert float(deviation.abs().max()) < 5 / math.sqrt(12 * 4000)
+    if count > 1:  # each point of the pixel alone spans the whole range
+        spread = samples[..., 0].amax(2) - samples[..., 0].amin(2)
+        assert float(spread.min()) > 1 - 2 / count

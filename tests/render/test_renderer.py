@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from stage import Stage
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.renderer import NoShadows, PixelRadiance, Renderer, texture_images
+from ia_bench.render.renderer import NoShadows, Renderer, texture_images
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
@@ -89,24 +88,6 @@ def test_points_that_miss_count_as_nothing() -> None:
 
 
 # ---------------------------------------------------------------- mistakes and layouts
-def small_setup() -> tuple[Stage, Callable[[Renderer], PixelRadiance], tuple[torch.Tensor, ...]]:
-    stage = Stage.of(sphere(2), [camera_at((2.0, 1.0, 1.5), pixels=16)])
-    rng = torch.Generator().manual_seed(4)
-    leaves = (
-        torch.rand(8, 8, 3, generator=rng),
-        0.2 + 0.8 * torch.rand(8, 8, 1, generator=rng),
-        torch.rand(8, 16, 3, generator=rng),
-    )
-    for leaf in leaves:
-        leaf.requires_grad_()
-
-    def render(renderer: Renderer, change: Callable[[torch.Tensor], torch.Tensor] = lambda leaf: leaf) -> PixelRadiance:
-        pixels = torch.arange(len(stage.gbuffer.pixel))
-        albedo, roughness, light = (change(leaf) for leaf in leaves)
-        rng = torch.Generator().manual_seed(5)
-        return renderer.render_pixels(stage.gbuffer, pixels, Material(albedo, roughness), SampledLight.of(light), 16, rng)
-
-    return stage, render, leaves
 
 
 @pytest.mark.parametrize(
@@ -120,7 +101,7 @@ def small_setup() -> tuple[Stage, Callable[[Renderer], PixelRadiance], tuple[tor
     ],
 )
 def test_textures_of_another_shape_are_refused(shape: tuple[int, ...], where: int, wanted: str) -> None:
-    stage, _, _ = small_setup()
+    stage = Stage.of(sphere(2), [camera_at((2.0, 1.0, 1.5), pixels=16)])
     textures = [torch.zeros(4, 4, 3), torch.full((4, 4, 1), 0.5), torch.zeros(4, 4, 1)]
     textures[where] = torch.full(shape, 0.5)
     light, rng = SampledLight.of(torch.ones(2, 4, 3)), torch.Generator().manual_seed(0)

@@ -6,7 +6,6 @@ import pytest
 import torch
 from shapes import camera_at, sphere
 
-from ia_bench.common.errors import InputError
 from ia_bench.render import stage as stage_module
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.rays import make_rays
@@ -35,8 +34,3 @@ def test_views_of_any_size_come_in_batches_of_one_size(monkeypatch: pytest.Monke
     assert [buffer.shape for buffer in stage.gbuffers(CAMERAS, 1)] == [(1, 8, 8), (1, 8, 8), (1, 12, 12)]
 
 
-def test_points_that_do_not_fit_into_memory_are_told_before_a_ray_is_traced() -> None:
-    stage = Stage(sphere(2), CPU)
-    with pytest.raises(InputError, match=r"^100000 x 100000 points a pixel: expected to fit into the"):
-        stage.gbuffer(CAMERAS[:1], 100_000)
-    assert "rays" not in vars(stage)

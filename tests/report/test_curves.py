@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -61,14 +60,6 @@ def test_seeds_that_were_scored_once_each_are_marks(write_run: Write) -> None:
     assert [(*line.get_xdata(), *line.get_ydata()) for line in lines] == [(3, 20), (4, 21)]
     assert all(line.get_marker() == "o" for line in lines)
     assert len({line.get_color() for line in lines}) == 1
-
-
-@pytest.mark.parametrize("name", ["cost_$a%$", "$$", r"$\\undefined$"])
-def test_names_with_dollar_signs_are_drawn_letter_by_letter(write_run: Write, tmp_path: Path, name: str) -> None:
-    runs = collect([write_run(name, "hat", curve=RISES)]).runs.assign(scene=name)
-    save(draw_scene(runs, name, [name]), tmp_path / "drawn")
-    letters = re.findall(r"<!-- (.*?) -->", (tmp_path / "drawn.svg").read_text())
-    assert name in letters, "matplotlib writes down what it draws as a path"
 
 
 def test_png_and_svg_are_the_same_bytes_each_time(runs: Runs, tmp_path: Path) -> None:

@@ -134,9 +134,9 @@ def test_bold_goes_to_the_best_that_is_blind_and_complete_where_its_lead_is_deci
     ("seeds", "words"),
     [
         ({"hat": (0, 1), "ship": (0, 1)}, "decided over seeds"),
-        ({"hat": (0, 1), "ship": (2, 3)}, "no seed in common on some scene: how sure is unknown"),
-        ({"hat": (2, 3), "ship": (2, 3)}, "no seed in common: how sure is unknown"),
-        ({"hat": (0, 1), "ship": (1, 2)}, "one seed: how sure is unknown"),
+        ({"hat": (0, 1), "ship": (2, 3)}, "too few seeds in common: how sure is unknown"),
+        ({"hat": (2, 3), "ship": (2, 3)}, "too few seeds in common: how sure is unknown"),
+        ({"hat": (0, 1), "ship": (1, 2)}, "too few seeds in common: how sure is unknown"),
     ],
 )
 def test_a_lead_is_decided_by_pairs_in_every_scene(seeds: dict[str, tuple[int, int]], words: str) -> None:

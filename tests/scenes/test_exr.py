@@ -51,12 +51,6 @@ def test_what_is_beyond_the_picture_is_cut(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_exr(tmp_path / "left.exr", 4), expected)
 
 
-def test_a_window_beyond_all_measure_is_refused(tmp_path: Path) -> None:
-    write(tmp_path / "a.exr", IMAGE, (0, 0), ((0, 0), (999_999, 999_999)))
-    with pytest.raises(InputError, match=r"a\.exr: expected at most \d+ pixels .*, found 1000000 x 1000000"):
-        read_exr(tmp_path / "a.exr", 4)
-
-
 # ---------------------------------------------------------------- radiance pictures
 # Pixels worked out by hand, rows of both kinds, and files that are none.
 HEAD = b"#?RADIANCE\n# a comment\nFORMAT=32-bit_rle_rgbe\n\n"
@@ -140,23 +134,6 @@ def test_exr_round_trip(tmp_path: Path, channels: int, half: bool) -> None:
     assert back.dtype == np.float32
     np.testing.assert_array_equal(back, image.astype(np.float16).astype(np.float32) if half else image)
     assert [path.name for path in (tmp_path / "deep").iterdir()] == ["a.exr"]  # no partial file is left
-
-
-def test_half_overflow_is_refused_and_leaves_the_old_file(tmp_path: Path) -> None:
-    path = tmp_path / "sun.exr"
-    write_exr(path, np.full((2, 2), 65504.0))
-    with pytest.raises(ValueError, match=r"sun\.exr.*-70000.*half|sun\.exr.*70000.*half"):
-        write_exr(path, np.full((2, 2), -70000.0))
-    assert read_exr(path, 1).max() == 65504
-    write_exr(path, np.full((2, 2), 70000.0), half=False)
-    assert read_exr(path, 1).max() == 70000
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_what_could_not_be_read_is_not_written(tmp_path: Path, bad: float) -> None:
-    with pytest.raises(ValueError, match=r"a\.exr.*(NaN|inf)"):
-        write_exr(tmp_path / "a.exr", np.array([[1.0, bad]]))
-    assert not (tmp_path / "a.exr").exists()
 
 
 def test_a_folder_or_garbage_is_no_image(tmp_path: Path) -> None:

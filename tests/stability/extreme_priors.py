@@ -6,14 +6,13 @@ import math
 from collections.abc import Iterator
 
 import torch
-from stability.case import Case, Measured, all_finite, deviation, refused
+from stability.case import Case, Measured, all_finite, deviation
 from torch import Tensor
 
-from ia_bench.common.errors import InputError
 from ia_bench.methods.couplings.targets import align_views
 from ia_bench.priors.diffusion.encoding import decode, encode, exposure
 from ia_bench.priors.diffusion.guidance import Guidance, Norm, Pull, Rule
-from ia_bench.priors.diffusion.sampler import NoiseSchedule, SamplerSettings, image_behind, sample
+from ia_bench.priors.diffusion.sampler import NoiseSchedule, SamplerSettings, sample
 from ia_bench.scenes.color import tone_map
 
 SHAPE = (2, 3, 24, 24)
@@ -24,7 +23,6 @@ def cases() -> Iterator[Case]:
     """All of them."""
     yield from _exposures()
     yield from _alignments()
-    yield from _schedules()
     yield from _guidance()
 
 
@@ -95,25 +93,6 @@ def _aligned(prediction: Tensor, target: Tensor, mode: str) -> Measured:
 def _scale(prediction: Tensor, target: Tensor, mode: str, expected: float) -> Measured:
     found = align_views(prediction, target, torch.zeros(len(prediction), dtype=torch.long), 1, mode)
     return Measured(abs(float(found.scale[0]) - expected), finite=all_finite(found.scale, found.shift))
-
-
-# ---- schedules ---------------------------------------------------------------------------------------------------------
-
-
-def _schedules() -> Iterator[Case]:
-    group, double = "schedule", "float64"
-    yield Case(group, "alpha_bar = 0.999999", "x0 from epsilon", double, 1e-5, lambda: _clean(1 - 1e-6))
-    yield Case(
-        group, "more steps than the schedule has", "timesteps", "refused", 0.0,
-        lambda: refused(lambda: _wide(20).timesteps(21), InputError, "steps"),
-    )  # fmt: skip
-
-
-def _clean(level: float) -> Measured:
-    generator = torch.Generator().manual_seed(0)
-    noisy, output = torch.randn(2, *SHAPE, generator=generator)
-    found, exact = image_behind(output, noisy, level), image_behind(output.double(), noisy.double(), level)
-    return Measured(deviation(found, exact, 1.0), finite=all_finite(found))
 
 
 # ---- guidance ----------------------------------------------------------------------------------------------------------

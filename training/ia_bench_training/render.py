@@ -19,7 +19,7 @@ from torch import Tensor
 
 from ia_bench.material.brdf import GOLDEN, dot, normalize
 from ia_bench.render.gbuffer import primary_rays
-from ia_bench.render.lattice import PLASTIC
+from ia_bench.render.kernels import PLASTIC
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.scenes.scene import Camera, Mesh
 from ia_bench_training.cameras import draw_camera

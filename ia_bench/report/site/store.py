@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -49,26 +48,16 @@ def write_pictures(gallery: Gallery, runs: Runs, parts: Path, note: Callable[[st
     for row, scene, folder in zip(done["row"], done["scene"], done["folder"], strict=True):
         if (folder / CONFIG).is_file():
             first.setdefault(scene, {}).setdefault(row, folder)
-    places = folder_names(first)
     for scene, folders in first.items():
         try:
-            gallery.scenes[scene] = _write_scene(scene, folders, parts / places[scene], gallery.missing, note)
+            gallery.scenes[scene] = _write_scene(scene, folders, parts / folder_of(scene), gallery.missing, note)
         except InputError as error:
             gallery.missing.append(f"{scene}: {error}")
 
 
-def folder_names(names: Collection[str], taken: Collection[str] = ()) -> dict[str, str]:
-    """A folder name for each of different names: their slug, and a checksum of the name where that is not one name's alone.
-
-    ``taken``: folder names that are not to be had. Upper and lower case make no difference, as on some disks.
-    """
-    counted = Counter(slug(name).casefold() for name in names)
-    found = {}
-    for name in names:
-        short = slug(name)
-        alone = counted[short.casefold()] == 1 and short.casefold() not in taken and short.strip(".")
-        found[name] = short if alone else f"{short}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
-    return found
+def folder_of(name: str) -> str:
+    """The folder of a scene's or a row's pictures: a name that no other one has, on disks that know no upper case either."""
+    return f"{slug(name)}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
 def _write_scene(
@@ -94,11 +83,11 @@ def _write_scene(
     if not kept:
         raise InputError("no run has kept pictures")
     described = _truth(*next(iter(kept.values())), folder / TRUTH, note) | {"rows": {}}
-    for row, place in folder_names(kept, NOT_ROWS).items():
-        run, own = kept[row]
+    for row, (run, own) in kept.items():
+        place = folder_of(row)
         name = f"{folder.name}/{place}"
-        _write(folder / place / "errors.js", packing.script(f"{name}/errors", own.errors))
-        _write(folder / place / "solid.js", packing.script(f"{name}/solid", own.solid))
+        for part, content in {"errors": own.errors, "solid": own.solid}.items():
+            _write(folder / place / f"{part}.js", packing.script(f"{name}/{part}", content))
         _write_sheets(own.sheets, folder / place)
         described["rows"][row] = {"folder": place, "sheets": own.shapes, "scores": _scores(own.views, run)}
     wanted = {TRUTH, *(one["folder"] for one in described["rows"].values())}
@@ -126,7 +115,7 @@ def _truth(run: Recovered, kept: Bundle, folder: Path, note: Callable[[str], Non
         held = read_json(folder / KEY)
         if held.get("key") == key:
             return dict(held["described"])
-    note(f"pictures of {scene_name}: the truth")
+    note(f"pictures of {run.record.scene}: the truth")
     drawn = SceneRenderer(run.read_scene(whole=True), fitted)
     scene, truth = drawn.scene, drawn.scene.truth or Truth({})
     lights = {name: truth.lights[name] for name in ("train", *drawn.relit) if name in truth.lights}
@@ -159,17 +148,17 @@ def _scores(views: dict[str, Any], run: Recovered) -> dict[str, list[float | Non
     """The recorded score of every view that is shown: PSNR, of roughness the squared error."""
     recorded: dict[str, Any] = run.record.per_image
 
-    def of(values: dict[str, Any] | None, name: str, count: int, stride: int = 1) -> Sequence[float | None]:
+    def of(values: dict[str, Any] | None, name: str, count: int, stride: int = 1) -> list[float | None]:
         found = (values or {}).get(name, [])[::stride]
         digits = 1 if name == "psnr" else 4
         return [value and round(value, digits) for value in found] if len(found) == count else [None] * count
 
-    relit = recorded.get("relighting") or {}
+    relit, test = recorded.get("relighting") or {}, views["test"]
     return {
-        "albedo": [*of(recorded.get("albedo"), "psnr", views["test"])],
-        "aligned": [*of(recorded.get("aligned_albedo"), "psnr", views["test"])],
-        "roughness": [*of(recorded.get("roughness"), "mse", views["test"])],
-        "view": [*of(recorded.get("view_synthesis"), "psnr", views["view"], VIEW_STRIDE)],
+        "albedo": of(recorded.get("albedo"), "psnr", test),
+        "aligned": of(recorded.get("aligned_albedo"), "psnr", test),
+        "roughness": of(recorded.get("roughness"), "mse", test),
+        "view": of(recorded.get("view_synthesis"), "psnr", views["view"], VIEW_STRIDE),
         "relit": [score for light, count in views["relit"].items() for score in of(relit.get(light), "psnr", count, RELIT_STRIDE)],
     }
 

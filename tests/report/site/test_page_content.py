@@ -47,13 +47,6 @@ def test_bars_are_the_share_of_the_headroom(folders: list[Path]) -> None:
     assert means["ours"] == pytest.approx(100 * ((20.5 + 26.5) / 2 - 10) / 20)
 
 
-def test_the_leader_sees_no_truth_and_its_lead_is_taken_seed_by_seed(folders: list[Path]) -> None:
-    first = scopes(analyse(collect(folders)))[2][0].leaders["albedo.psnr"]
-    assert (first.row, first.second, first.value.mean) == ("ours", "none", 26.5)
-    assert first.lead.pairs == {"ship": {0: 6.0, 1: 7.0}}
-    assert first.sure == "decided over seeds"  # 6.5 +- 12.7 * .707 / sqrt 2 = 6.35
-
-
 def test_bars_are_explained_where_there_are_some_and_seconds_rank_where_they_compare(write_run: Write, tmp_path: Path) -> None:
     rows = [write_run("ours", "hat", seed, environment={"cpu": "Abacus 2", "threads": 1}) for seed in (0, 1)]
     bounds = [write_run(row, "hat", environment={"cpu": "Abacus 3"}) for row in ("ceiling", "constant")]

@@ -25,7 +25,7 @@ from ia_bench.report.collect import Runs, as_table
 from ia_bench.report.site import store
 from ia_bench.report.site.page import Gallery, draw_pictures
 from ia_bench.runs.pictures import packing
-from ia_bench.runs.pictures.drawing import RELIT_STRIDE, TURNS, Pictures, SceneRenderer
+from ia_bench.runs.pictures.drawing import Pictures, SceneRenderer
 from ia_bench.runs.pictures.packing import bundle
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Scene, Truth
@@ -138,18 +138,6 @@ def test_a_perfect_run_looks_like_the_truth_once_it_is_aligned(drawn: tuple[Scen
     assert np.abs(found.sheets["light"][0] - truth.sheets["light"][0]).mean() < 0.01
 
 
-def test_a_run_that_recovered_no_light_is_pictured_without_what_needs_one(
-    drawn: tuple[SceneRenderer, Pictures], perfect_run: Path
-) -> None:
-    (perfect_run / "light.exr").unlink()
-    scene_renderer, truth = drawn
-    run = Recovered(perfect_run)
-    found = run.reconstruction(scene_renderer.stage)
-    packed = bundle(scene_renderer, truth, found, scene_renderer.recovered(found, run.scale))
-    assert set(packed.sheets) == {"albedo", "aligned", "roughness", "relit", "turned"}
-    assert set(packed.errors["sheets"]) == {"albedo", "aligned", "roughness", "relit"}
-
-
 def lacking(scene: Scene, *parts: str) -> Scene:
     """The scene without some of its truth, or of its views."""
     maps = {name: None for name in ("albedo", "roughness") if name in parts}
@@ -168,8 +156,6 @@ def lacking(scene: Scene, *parts: str) -> Scene:
 @pytest.mark.parametrize(
     ("parts", "left_out"),
     [
-        (["albedo"], {"truth": {"albedo", "turned"}, "found": {"aligned"}}),
-        (["roughness"], {"truth": {"roughness", "turned"}, "found": set()}),
         (["novel"], {"truth": {"relit", "turned"}, "found": {"relit", "turned"}}),
         (["albedo", "roughness", "lights"], {
             "truth": {"albedo", "roughness", "light", "relit", "turned"}, "found": {"aligned", "relit", "turned"},
@@ -212,16 +198,6 @@ def test_training_photographs_stand_for_a_scene_that_holds_none_out(tiny: Scene,
         SceneRenderer(replace(tiny, train=(), test=(), novel=()))
 
 
-def test_the_turning_light_starts_as_it_is_and_goes_once_around(drawn: tuple[SceneRenderer, Pictures]) -> None:
-    scene_renderer, truth = drawn
-    views = scene_renderer.relit[next(iter(scene_renderer.relit))]
-    relit = truth.sheets["relit"][len(views) // 2]  # the first light's middle one, as rendered by Cycles
-    errors = [float(np.abs(picture - relit).mean()) for picture in truth.sheets["turned"]]
-    assert len(errors) == TURNS
-    assert int(np.argmin(errors)) == 0
-    assert len(scene_renderer.relit[next(iter(scene_renderer.relit))]) == -(-4 // RELIT_STRIDE)
-
-
 def test_pictures_are_laid_out_the_truth_is_drawn_once_and_what_has_none_is_named(
     tmp_path: Path, perfect_run: Path, keep_pictures: Callable[..., None]
 ) -> None:
@@ -247,10 +223,11 @@ def test_pictures_are_laid_out_the_truth_is_drawn_once_and_what_has_none_is_name
     assert names >= {"albedo.webp", "aligned.webp", "turned.webp", "errors.js", "solid.js"}
 
     assert (write_pictures(runs, tmp_path / "parts", notes.append), len(notes)) == (gallery, 1)
-    (tmp_path / "parts" / "tiny" / "truth" / "drawn.json").write_text('{"key": ')
+    next((tmp_path / "parts").glob("*/truth/drawn.json")).write_text('{"key": ')
     assert (write_pictures(runs, tmp_path / "parts", notes.append), len(notes)) == (gallery, 2)
     write_pictures(runs_of((perfect_run, "renamed", 1)), tmp_path / "parts", notes.append)
-    assert {path.name for path in (tmp_path / "parts" / "tiny").iterdir()} == {"truth", "renamed"}
+    (scene,) = (tmp_path / "parts").iterdir()
+    assert {path.name.partition("-")[0] for path in scene.iterdir()} == {"truth", "renamed"}
     draw_pictures(runs.iloc[1:2], tmp_path / "parts", notes.append)
     assert list((tmp_path / "parts").iterdir()) == [], "a report without pictures keeps none of a former one"
 
@@ -275,7 +252,7 @@ def test_rows_of_one_slug_have_pictures_of_their_own_and_none_is_laid_over_the_t
     folders = {row: about["folder"] for row, about in gallery.scenes["tiny"]["rows"].items()}
     assert folders.keys() == {"w/o prior", "w o prior", "Truth"}
     assert len({*map(str.casefold, folders.values()), "truth"}) == 4
-    assert all((tmp_path / "parts" / "tiny" / folder / "errors.js").is_file() for folder in folders.values())
+    assert len([*(tmp_path / "parts").glob("*/*/errors.js")]) == 3
     assert gallery.missing == [
         "truth, tiny: expected a row that is not called as the page calls the truth itself; row=NAME gives it a name"
     ]
