@@ -19,7 +19,6 @@ from ia_bench.scores.metrics import CURVE_METRICS, Metric
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 DASHES = ("-", (0, (5, 1.5)), (0, (5, 1, 1, 1)))  # in turn, so that rows of like colours differ; with ten colours, 30 rows
@@ -111,39 +110,29 @@ def save(figure: Figure, path: Path) -> list[Path]:
 
 def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Curve]]) -> None:
     from matplotlib import color_sequences
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     colours = color_sequences["petroff10"]  # told apart by colour-blind readers too
     for index, (row, found) in enumerate(curves.items()):
-        measured = [(curve.is_level, *curve.measured(metric.column)) for curve in found]
-        levels = [values[-1] for is_level, _, values in measured if is_level and len(values)]
-        optimised = [(seconds, values) for is_level, seconds, values in measured if not is_level]
-        points = [(seconds[seconds > 0], values[seconds > 0]) for seconds, values in optimised if (seconds > 0).any()]
+        levels = [values[-1] for curve in found if curve.is_level and len(values := curve.measured(metric.column)[1])]
+        measured = [curve.measured(metric.column) for curve in found if not curve.is_level]
+        points = [(seconds[seconds > 0], values[seconds > 0]) for seconds, values in measured if (seconds > 0).any()]
         style = {"color": colours[index % 10], "linestyle": DASHES[index % len(DASHES)], "label": plain(row)}
         if points:
             _draw_seeds(panel, points, style)
         if levels:
             panel.axhline(float(np.mean(levels)), color="0.25", linestyle="--", linewidth=1.2, label=plain(row))
-    panel.set_xscale("log")
-    _label_plainly(panel.xaxis)
-    panel.set_title(metric.title, fontsize=11)
-    panel.set_xlabel("seconds of optimisation")
+    panel.set(xscale="log", yscale="log" if metric.name == "mse" else "linear", xlabel="seconds of optimisation")
     panel.set_ylabel("dB" if metric.name == "psnr" else "squared error")
-    if metric.name == "mse":
-        panel.set_yscale("log")
-        _label_plainly(panel.yaxis)
+    panel.set_title(metric.title, fontsize=11)
+    for axis in (panel.xaxis, panel.yaxis) if metric.name == "mse" else (panel.xaxis,):  # 1, 2, 5, 10, ... and no powers of ten
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_formatter(NullFormatter())
     panel.grid(which="major", color="0.9", linewidth=0.8)
     panel.spines[["top", "right"]].set_visible(False)
     if not panel.has_data():
         panel.text(0.5, 0.5, "not measured", transform=panel.transAxes, ha="center", color="0.5")
-
-
-def _label_plainly(axis: Axis) -> None:
-    """Label a logarithmic axis 1, 2, 5, 10, ... instead of powers of ten."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _draw_seeds(panel: Axes, points: list[tuple[np.ndarray, np.ndarray]], style: dict) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby, product
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 from scipy.stats import t as student
@@ -30,18 +30,6 @@ SHOWN = (*WORTH_METRICS, METRIC_OF["roughness.mse"])
 """Metrics of the maps."""
 NOTHING_LEFT_OUT = "all views"
 """What a capture without a label is called."""
-
-
-class Interval(NamedTuple):
-    """From ``low`` to ``high``; either may be infinite."""
-
-    low: float
-    high: float
-
-    @property
-    def side(self) -> int:
-        """1 where all of it lies above zero, -1 where all of it lies below, else 0."""
-        return int(self.low > 0) - int(self.high < 0)
 
 
 def replicates(scenes: Sequence[np.ndarray], count: int = REPLICATES) -> np.ndarray:
@@ -64,10 +52,10 @@ def replicates(scenes: Sequence[np.ndarray], count: int = REPLICATES) -> np.ndar
     return total / len(values)
 
 
-def interval(drawn: np.ndarray) -> Interval:
+def interval(drawn: np.ndarray) -> tuple[float, float]:
     """The middle 95 % of replicates (count,), some of which may be infinite."""
     low, high = np.quantile(drawn, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], method="inverted_cdf")
-    return Interval(float(low), float(high))
+    return float(low), float(high)
 
 
 @dataclass(frozen=True)
@@ -89,7 +77,7 @@ class Gain:
         return cast(Estimate, self.pairs.over_scenes)
 
     @cached_property
-    def bootstrap(self) -> Interval | None:
+    def bootstrap(self) -> tuple[float, float] | None:
         """The interval by the bootstrap over scenes and seeds; None for a single scene."""
         return interval(replicates(self.pairs.seeds)) if len(self.pairs.pairs) > 1 else None
 
@@ -112,9 +100,10 @@ class Gain:
         Decided where neither the bootstrap's interval nor Student's over scenes holds zero: with few scenes the first is narrow.
         """
         mean, width = self.over_scenes.mean, self.over_scenes.half_width
-        if self.bootstrap is None or width is None or self.bootstrap.side != Interval(mean - width, mean + width).side:
+        if self.bootstrap is None or width is None:
             return "undecided"
-        return {1: "gains", -1: "costs", 0: "undecided"}[self.bootstrap.side]
+        ends = self.bootstrap, (mean - width, mean + width)
+        return "gains" if min(low for low, _ in ends) > 0 else "costs" if max(high for _, high in ends) < 0 else "undecided"
 
     @property
     def text(self) -> str:
