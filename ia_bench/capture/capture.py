@@ -39,7 +39,11 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         normals = given_normals(settings.sdf.normals, train)
     train = of_one_size(train)
     if settings.radiometry == "ldr" or settings.background != "none" or settings.faults != FaultSettings():
-        before, train = train, _taken(train, settings)
+        from ia_bench.capture.faults import blurred, misplaced, mistaken_masks
+
+        before, cameras, masks = train, misplaced(train, settings.faults), mistaken_masks(train, settings.faults)
+        photos = photographed(blurred(train, settings.faults), settings, masks)
+        train = tuple(replace(photo, camera=camera) for photo, camera in zip(photos, cameras, strict=True))
         scene = replace(scene, saturated_share=_saturated_share(before, train))
     if settings.consistency:
         note(f"capture.consistency={settings.consistency}: poses and masks are made to agree with each other")
@@ -73,15 +77,6 @@ def _agreeing(
         except OpenHullError:
             note(f"capture.consistency={settings.consistency}: a hull that tolerates {doubted} views is open; it tolerates fewer")
     return consistent(views, settings.consistency, settings.tolerated, begin)
-
-
-def _taken(views: tuple[View, ...], settings: CaptureSettings) -> tuple[View, ...]:
-    """The views photographed, with masks and poses as they would be found for the photographs."""
-    from ia_bench.capture.faults import blurred, misplaced, mistaken_masks
-
-    cameras, masks = misplaced(views, settings.faults), mistaken_masks(views, settings.faults)
-    photos = photographed(blurred(views, settings.faults), settings, masks)
-    return tuple(replace(photo, camera=camera) for photo, camera in zip(photos, cameras, strict=True))
 
 
 def _saturated_share(before: Sequence[View], after: Sequence[View]) -> float:

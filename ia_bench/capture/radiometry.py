@@ -29,7 +29,7 @@ def photographed(views: Sequence[View], settings: CaptureSettings, masks: Sequen
     of these only the geometric mean is divided out, and each image keeps its own factor, which is unknown.
     """
     percentile = settings.percentile
-    brightest = [_brightest(view) for view in views]
+    brightest = [_picture(view, None).max(-1)[view.mask > COVERED] for view in views]
     ldr, background, common = settings.radiometry == "ldr", None, 1.0
     if ldr or settings.background != "none":
         common = _exposure(np.concatenate(brightest), percentile, "all training views")
@@ -105,12 +105,6 @@ def _picture(view: View, background: float | None) -> np.ndarray:
         behind: np.ndarray = view.image + (1 - view.mask[..., None]) * background
         return behind
     return straight(view.image, view.mask).astype(np.float64)
-
-
-def _brightest(view: View) -> np.ndarray:
-    """The brightest channel (N,) of the pixels that show the object."""
-    brightest: np.ndarray = _picture(view, None).max(-1)[view.mask > COVERED]
-    return brightest
 
 
 def _exposure(values: np.ndarray, percentile: float, what: str) -> float:

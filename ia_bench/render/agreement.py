@@ -45,7 +45,8 @@ def check_agreement(
 
     The cause is the one of ``mistakes`` without which it would cover them best, or else the ``usual`` one.
     """
-    views = [_small(view) for view in scene.train[:: max(1, len(scene.train) // VIEWS)][:VIEWS]]
+    some = scene.train[:: max(1, len(scene.train) // VIEWS)][:VIEWS]
+    views = [view.scaled(-(-max(view.camera.width, view.camera.height) // SIDE)) for view in some]
     rays = make_rays(scene.expect_mesh(), torch.device("cpu"))  # not those of a run, which counts its rays
     found = _agreement(rays, views)
     said = f"intersection over union {found:.2f} over {len(views)} training views"
@@ -72,8 +73,3 @@ def _agreement(rays: RayCaster, views: Sequence[View]) -> float:
         both += float(np.minimum(view.mask, coverage).sum())
         either += float(np.maximum(view.mask, coverage).sum())
     return both / either
-
-
-def _small(view: View) -> View:
-    """The view in blocks of pixels, so that it has no more than SIDE x SIDE."""
-    return view.scaled(-(-max(view.camera.width, view.camera.height) // SIDE))

@@ -234,17 +234,15 @@ class Scene:
         """
         given = self.mesh
         mesh = given and Mesh(*(part.copy() for part in (given.vertices, given.faces, given.normals, given.uv)))
-        views, differ = tuple(map(_blind, self.train)), self.exposures_differ
-        return Scene(self.name, f"scene {self.name}", mesh, views, metallic=self.metallic, exposures_differ=differ)
+        views, differ = list[View](), self.exposures_differ
+        for view in self.train:
+            camera = replace(view.camera, to_world=view.camera.to_world.copy())
+            valid = None if view.valid is None else view.valid.copy()
+            views.append(View(view.name, camera, view.image.copy(), view.mask.copy(), view.light, valid=valid))
+        return Scene(self.name, f"scene {self.name}", mesh, tuple(views), metallic=self.metallic, exposures_differ=differ)
 
     def expect_mesh(self) -> Mesh:
         """The mesh. Raises InputError where there is none."""
         if self.mesh is None:
             raise InputError(f"{self.source}: expected a mesh, found none")
         return self.mesh
-
-
-def _blind(view: View) -> View:
-    camera = replace(view.camera, to_world=view.camera.to_world.copy())
-    valid = None if view.valid is None else view.valid.copy()
-    return View(view.name, camera, view.image.copy(), view.mask.copy(), view.light, valid=valid)

@@ -43,7 +43,7 @@ VIEWER, PICTURES = "model-viewer-umd.min.js", "pictures.js"
 KEPT = "pictures.zip"  # of a run folder; runs.pictures.packing, which writes it, brings in torch
 VENDORED = ("vendor/uPlot.iife.min.js.gz", "vendor/img-comparison-slider.js")
 STYLES = ("vendor/uPlot.min.css", "vendor/img-comparison-slider.css", "assets/page.css", "assets/parts.css")
-SCRIPTS: tuple[str, ...] = ("common", "tips", "table", "live", "evidence", "levels", "scales", "curves", "parts", "heat", "look")
+SCRIPTS: tuple[str, ...] = ("common", "tips", "table", "live", "evidence", "parts", "scales", "curves", "heat", "look")
 SCRIPTS += ("relight", "turn", "worth")
 
 DIGITS = 5  # significant ones of a number that a script draws or sorts by

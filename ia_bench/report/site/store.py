@@ -74,7 +74,7 @@ def _write_scene(
             other, its = next(iter(kept.values()), (run, own))
             if _reading(run) != _reading(other):
                 raise InputError(f"another reading of the scene than that of {next(iter(kept))}")
-            if _fitted(own) != _fitted(its):
+            if own.views.get("fitted", []) != its.views.get("fitted", []):
                 raise InputError("no view was held out, and it is pictured in other training views")
         except InputError as error:
             missing.append(f"{row}, {scene}: {error}")
@@ -85,10 +85,9 @@ def _write_scene(
     described = _truth(*next(iter(kept.values())), folder / TRUTH, note) | {"rows": {}}
     for row, (run, own) in kept.items():
         place = folder_of(row)
-        name = f"{folder.name}/{place}"
-        for part, content in {"errors": own.errors, "solid": own.solid}.items():
-            _write(folder / place / f"{part}.js", packing.script(f"{name}/{part}", content))
-        _write_sheets(own.sheets, folder / place)
+        parts = {"errors": own.errors, "solid": own.solid}
+        scripts = {f"{part}.js": packing.script(f"{folder.name}/{place}/{part}", content) for part, content in parts.items()}
+        _write(folder / place, scripts | _files(own.sheets))
         described["rows"][row] = {"folder": place, "sheets": own.shapes, "scores": _scores(own.views, run)}
     wanted = {TRUTH, *(one["folder"] for one in described["rows"].values())}
     for left in folder.iterdir():  # of rows that the report no longer has
@@ -102,14 +101,9 @@ def _reading(run: Recovered) -> list[Any]:
     return [run.scene_content, asdict(run.config.reader)]
 
 
-def _fitted(kept: Bundle) -> list[str]:
-    """The training views that a run is pictured in, where its scene holds none out."""
-    return list(kept.views.get("fitted", []))
-
-
 def _truth(run: Recovered, kept: Bundle, folder: Path, note: Callable[[str], None]) -> dict[str, Any]:
     """What the page has to know of photographs and truth, which are drawn into ``folder`` where they are not there yet."""
-    fitted, scene_name = _fitted(kept), folder.parent.name
+    fitted, scene_name = list(kept.views.get("fitted", [])), folder.parent.name  # training views, where none is held out
     key = hashlib.sha256(json.dumps([VERSION, LAYOUT, *_reading(run), *fitted]).encode()).hexdigest()
     with suppress(InputError):  # none, or a damaged one: drawn anew
         held = read_json(folder / KEY)
@@ -125,9 +119,8 @@ def _truth(run: Recovered, kept: Bundle, folder: Path, note: Callable[[str], Non
         content["mesh"] = packing.solid(scene.mesh)
         if truth.albedo is not None and truth.roughness is not None:
             content |= packing.textures(truth.albedo, truth.roughness)
-    _write(folder / "solid.js", packing.script(f"{scene_name}/{TRUTH}/solid", content))
     found, shapes = sheets(drawn.truth())
-    _write_sheets(found, folder)
+    _write(folder, {"solid.js": packing.script(f"{scene_name}/{TRUTH}/solid", content)} | _files(found))
     names = {
         kind: [f"{view.name}, which was fitted" if view.name in drawn.fitted else view.name for view in views]
         for kind, views in {"albedo": drawn.test, "view": drawn.views}.items()
@@ -140,7 +133,7 @@ def _truth(run: Recovered, kept: Bundle, folder: Path, note: Callable[[str], Non
         "relit": [[light, view.name] for light, views in drawn.relit.items() for view in views],
         "views": names,
     }
-    _write(folder / KEY, json.dumps({"key": key, "described": described}, ensure_ascii=False).encode())
+    _write(folder, {KEY: json.dumps({"key": key, "described": described}, ensure_ascii=False).encode()})
     return described
 
 
@@ -163,12 +156,12 @@ def _scores(views: dict[str, Any], run: Recovered) -> dict[str, list[float | Non
     }
 
 
-def _write_sheets(found: dict[str, bytes], folder: Path) -> None:
-    for name, sheet in found.items():
-        _write(folder / f"{name}.webp", sheet)
+def _files(found: dict[str, bytes]) -> dict[str, bytes]:
+    return {f"{name}.webp": sheet for name, sheet in found.items()}
 
 
-def _write(path: Path, content: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as unfinished:
-        unfinished.write_bytes(content)
+def _write(folder: Path, files: dict[str, bytes]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        with whole_file(folder / name) as unfinished:
+            unfinished.write_bytes(content)

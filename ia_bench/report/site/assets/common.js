@@ -37,13 +37,3 @@ bench.swatch = (row) => bench.make("i", { class: bench.styleOf(row).shape, style
 
 // One line for readers of screens, such as "copied".
 bench.say = (text) => { bench.find("#said").textContent = text; };
-
-// Arrow keys move along a list of buttons of which one can be reached by Tab.
-bench.rove = (buttons, choose) => buttons.forEach((button, place) => button.addEventListener("keydown", (event) => {
-  const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
-  if (!step) return;
-  event.preventDefault();
-  const next = buttons[(place + step + buttons.length) % buttons.length];
-  next.focus();
-  choose(next);
-}));

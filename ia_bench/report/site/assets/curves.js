@@ -133,6 +133,26 @@
     readout.style.top = `${Math.max(4, Math.min(over.top + top, innerHeight - own.height - 8)) + scrollY}px`;
   };
 
+  // ---- when does a row first measure a level or better? The first measured point, never one between two of them ----
+  const showLevels = (rows, metric, place, level, scene) => {
+    const found = rows.map(({ row, curves }) => {
+      const times = curves.map((curve) => { // of every seed, null where it does not get there
+        const at = curve.values[place].findIndex((value) => value !== null && (metric.higher ? value >= level : value <= level));
+        return at < 0 ? null : curve.seconds[at];
+      });
+      return { row, times: times.filter((time) => time !== null), seeds: times.length };
+    });
+    found.sort((a, b) => (b.times.length > 0) - (a.times.length > 0) || bench.mean(a.times) - bench.mean(b.times) || a.row - b.row);
+    const some = (one) => (one.times.length && one.times.length < one.seeds ? ` (${one.times.length} of ${one.seeds} seeds)` : "");
+    const longest = Math.max(...found.filter((one) => one.times.length).map((one) => bench.mean(one.times)), 0) || 1;
+    bench.find("#levels").replaceChildren(
+      make("h3", { text: `${metric.group} ${metric.label} ${metric.higher ? "≥" : "≤"} ${level.toFixed(metric.digits)} on ${scene}: first measured after` }),
+      make("ol", { class: "times" }, ...found.map((one) => make("li", {},
+        make("span", { class: "who", text: data.rows[one.row].name }),
+        make("span", { class: "stretch" }, make("i", { style: `width:${one.times.length ? (100 * bench.mean(one.times) / longest).toFixed(1) : 0}%;background:${bench.styleOf(one.row).colour}` })),
+        make("span", { class: "n", text: one.times.length ? bench.secondsText(bench.mean(one.times)) + some(one) : "never" })))));
+  };
+
   // ---- the handle that chooses a level ----------------------------------------------------------------------------
   const handle = (plot, rows, metric, place) => {
     const { min, max } = plot.scales.y;
@@ -150,7 +170,7 @@
       knob.style.top = `${plot.valToPos(level, "y")}px`;
       knob.dataset.text = level.toFixed(metric.digits);
       knob.setAttribute("aria-valuenow", level.toFixed(metric.digits));
-      if (tell) bench.showLevels(rows.filter((one) => !data.rows[one.row].bound && !state.off.has(one.row)), metric, place, level, data.scenes[state.scene]);
+      if (tell) showLevels(rows.filter((one) => !data.rows[one.row].bound && !state.off.has(one.row)), metric, place, level, data.scenes[state.scene]);
     };
     const drag = (event) => put(plot.posToVal(event.clientY - plot.over.getBoundingClientRect().top, "y"), true);
     knob.addEventListener("pointerdown", (event) => { event.stopPropagation(); event.preventDefault(); knob.focus(); knob.setPointerCapture(event.pointerId); knob.onpointermove = drag; });
@@ -262,6 +282,5 @@
     if (changed && state.scene !== null) { chips(); redraw(); }
   };
   // Only once they are near: the table is painted first.
-  const near = new IntersectionObserver((seen) => { if (seen.some((one) => one.isIntersecting)) { near.disconnect(); choose(Math.max(0, scenes.indexOf(data.scenes.indexOf(bench.kept?.scene)))); } }, { rootMargin: "600px" });
-  near.observe(bench.find("#curves"));
+  bench.whenNear(bench.find("#curves"), () => choose(Math.max(0, scenes.indexOf(data.scenes.indexOf(bench.kept?.scene)))));
 })();

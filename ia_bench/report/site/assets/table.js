@@ -19,7 +19,14 @@
   bench.scopes = panels.map((panel) => panel.dataset.scope);
   bench.showScope = (name) => choose(tabs[panels.findIndex((panel) => panel.dataset.scope === name)]);
   tabs.forEach((tab) => tab.addEventListener("click", () => choose(tab)));
-  bench.rove(tabs, choose);
+  tabs.forEach((tab, place) => tab.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    const next = tabs[(place + step + tabs.length) % tabs.length];
+    next.focus();
+    choose(next);
+  }));
 
   // ---- sort: better first, then worse first, then as it came ------------------------------------------------------
   const keys = bench.all("thead th", panels[0]).map((head) => head.dataset.key);

@@ -22,8 +22,7 @@
     tip.style.top = `${(below ? box.bottom + 8 : box.top - own.height - 8) + scrollY}px`;
   };
   const of = (event) => (event.target instanceof Element ? event.target.closest("[data-tip]") : null);
-  document.addEventListener("pointerover", (event) => { const target = of(event); if (target) show(target); else hide(); });
-  document.addEventListener("focusin", (event) => { const target = of(event); if (target) show(target); else hide(); });
+  for (const name of ["pointerover", "focusin"]) document.addEventListener(name, (event) => { const target = of(event); if (target) show(target); else hide(); });
   document.addEventListener("keydown", (event) => { if (event.key === "Escape") hide(); });
   document.addEventListener("scroll", hide, true);
 })();
