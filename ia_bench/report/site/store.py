@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 
@@ -18,7 +18,6 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.report.collect import Runs, finished
-from ia_bench.report.site.page import Gallery
 from ia_bench.runs.config import slug
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.pictures import packing
@@ -26,6 +25,9 @@ from ia_bench.runs.pictures.drawing import RELIT_STRIDE, VERSION, VIEW_STRIDE, S
 from ia_bench.runs.pictures.packing import Bundle, read_bundle, sheets
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Truth
+
+if TYPE_CHECKING:
+    from ia_bench.report.site.page import Gallery
 
 LAYOUT = 2
 """Part of what a drawn truth is known by; raised when the page has to know other things of unchanged pictures."""
