@@ -83,6 +83,8 @@ class Progress:
         task = ProgressBar(name, total, done, unit, self._show)
         if self._rich is not None:
             self._bars[task] = self._rich.add_task(name, total=total, completed=done, status="")
+        elif total > done:
+            self._show(task)  # the first step may take long
         return task
 
     def note(self, text: str) -> None:
@@ -101,7 +103,7 @@ class Progress:
             self._rich.update(self._bars[task], completed=task.done, status=task.status)
         elif not self._quiet and (task.done >= task.total or time.monotonic() - self._last_line >= LINE_SECONDS):
             self._last_line = time.monotonic()
-            self.note(f"{task.name}: {task.done}/{task.total}, {task.status}")
+            self.note(", ".join(filter(None, (f"{task.name}: {task.done}/{task.total}", task.status))))
 
 
 Begin = Callable[[str, int], ProgressBar]

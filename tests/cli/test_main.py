@@ -26,6 +26,7 @@ def test_every_command_says_what_it_takes(name):
     shown = ia_bench(name, "--help")
     assert shown.returncode == 0, shown.stderr
     assert name in shown.stdout
+    assert len(shown.stdout.splitlines()) <= 40, "more than one screen"
 
 
 def test_a_misspelt_command_is_one_sentence():
