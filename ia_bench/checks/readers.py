@@ -20,7 +20,8 @@ from ia_bench.readers.contract import TRUTH_OF_VIEWS, SceneReader, check_scene, 
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.rays import make_rays
-from ia_bench.runs.pictures.drawing import GREY, displayed, exposure
+from ia_bench.runs.pictures.drawing import GREY, exposure, on_grey
+from ia_bench.scenes.images import display
 from ia_bench.scenes.scene import Scene
 
 AGREEMENT = "mesh, cameras and masks"
@@ -122,7 +123,7 @@ def write_sheet(scene: Scene, path: Path) -> Path:
     sheet = np.full((-(-len(views) // ROW), ROW, tall, wide, 3), GREY)
     for number, view in enumerate(views):
         tile = sheet[number // ROW, number % ROW, : view.mask.shape[0], : view.mask.shape[1]]
-        tile[:] = displayed(view.image * gain, view.mask)
+        tile[:] = on_grey(display(view.image, view.mask, gain), view.mask)
         if rays is not None:
             inside = trace_gbuffer([view.camera], rays, 1, torch.device("cpu")).coverage()[0].numpy() > 0.5
             tile[inside & ~binary_erosion(inside)] = 1, 0, 0

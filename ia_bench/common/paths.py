@@ -35,11 +35,6 @@ def scenes_folders() -> list[Path]:
     return found
 
 
-def scenes_folder() -> Path:
-    """The first of :func:`scenes_folders`, where the scenes are that come with the project; raises InputError likewise."""
-    return scenes_folders()[0]
-
-
 def _installed_or_beside(name: str) -> Path:
     installed = PACKAGE / name
     return installed if installed.is_dir() else PACKAGE.parent / name

@@ -18,7 +18,7 @@ from benchmarks.stiffness.__main__ import main
 from benchmarks.stiffness.gauss_newton import Jacobian, gram
 from benchmarks.stiffness.stage import Stage
 from ia_bench.common.errors import InputError
-from ia_bench.common.paths import scenes_folder
+from ia_bench.common.paths import scenes_folders
 
 
 def made_up() -> tuple[Tensor, dict[str, Tensor]]:
@@ -66,7 +66,7 @@ def test_gram_and_what_is_seen() -> None:
 
 @pytest.fixture(scope="module")
 def stage() -> Stage:
-    return Stage.at_truth(scenes_folder() / "tiny", samples=32)
+    return Stage.at_truth(scenes_folders()[0] / "tiny", samples=32)
 
 
 def test_forward_product_of_the_renderer_against_finite_differences(stage: Stage) -> None:

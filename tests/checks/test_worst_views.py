@@ -10,7 +10,7 @@ import pytest
 from ia_bench.capture.capture import captured
 from ia_bench.capture.settings import CaptureSettings, FaultSettings
 from ia_bench.checks.views import check_views, disagreement, sharpness
-from ia_bench.common.paths import scenes_folder
+from ia_bench.common.paths import scenes_folders
 from ia_bench.geometry.hull import outline_distance
 from ia_bench.readers.native import NativeReader
 from ia_bench.scenes.scene import Scene, View
@@ -68,7 +68,7 @@ def test_what_cannot_be_told_is_said(tiny: Scene) -> None:
 
 def test_a_focal_length_that_is_wrong_in_all_views_is_seen_in_pictures_that_are_large_enough() -> None:
     """No view stands out then. Twice too long, as where the size of a shrunk photograph was forgotten; exact, it passes."""
-    hat = NativeReader(scenes_folder() / "hat").read(truth=False).train
+    hat = NativeReader(scenes_folders()[0] / "hat").read(truth=False).train
     together, worst, _ = check_views(hat)
     assert (together.what, together.status, worst.status) == ("all masks and poses", "pass", "pass")
     focal = [(2 * view.camera.focal[0], 2 * view.camera.focal[1]) for view in hat]

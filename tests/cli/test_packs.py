@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from ia_bench.cli.main import main
-from ia_bench.common.paths import scenes_folder
+from ia_bench.common.paths import scenes_folders
 from ia_bench.runs import packs
 
 SMALL = [
@@ -115,7 +115,7 @@ def test_a_manipulated_map_is_found_by_its_hash_and_by_its_scores(
 
 
 def test_another_scene_is_found(pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scene = shutil.copytree(scenes_folder() / "tiny", tmp_path / "tiny")
+    scene = shutil.copytree(scenes_folders()[0] / "tiny", tmp_path / "tiny")
     (scene / "mesh.ply").write_bytes((scene / "mesh.ply").read_bytes() + b"\n")
     assert main(["verify", str(pack), "--scene", f"tiny={scene}"]) == 1
     told = capsys.readouterr().out

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from scored_runs import put_setup
 
-from ia_bench.common.paths import scenes_folder
+from ia_bench.common.paths import scenes_folders
 from ia_bench.readers.native import NativeReader
 from ia_bench.runs.composition import compose
 from ia_bench.runs.identity import identity, setup
@@ -71,7 +71,7 @@ def write_run(write_run_below: Callable[..., Path], tmp_path: Path) -> Callable[
 
 @pytest.fixture
 def scene_folder() -> Path:
-    return scenes_folder() / "tiny"
+    return scenes_folders()[0] / "tiny"
 
 
 @pytest.fixture(scope="session")

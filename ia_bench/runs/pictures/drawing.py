@@ -48,11 +48,6 @@ def on_grey(picture: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     return np.broadcast_to(alpha * picture + (1 - alpha) * GREY, (*coverage.shape, 3))
 
 
-def displayed(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:
-    """What covers each pixel of a linear premultiplied image (H, W, 3), as on a display, over GREY."""
-    return on_grey(display(image, coverage), coverage)
-
-
 def extent(mask: np.ndarray) -> int:
     """Side in pixels of the smallest square around what ``mask`` (H, W) covers, with a margin; 1 where it covers nothing."""
     lengths = [np.ptp(found) + 1 + 2 * CUT_MARGIN for found in np.nonzero(mask > 0) if len(found)]

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from ia_bench.cli.report import main
-from ia_bench.common.paths import scenes_folder
+from ia_bench.common.paths import scenes_folders
 from ia_bench.readers.native import NativeReader
 from ia_bench.scenes.exr import write_exr
 
@@ -82,7 +82,7 @@ def page_folder(
     """Four rows on two scenes; two rows have textures on the scene ``tiny``: the truth, and one grey."""
     root = tmp_path_factory.mktemp("browser")
     write = partial(write_run_below, root)
-    scene = scenes_folder() / "tiny"
+    scene = scenes_folders()[0] / "tiny"
     truth = NativeReader(scene).read(truth=True).truth
     assert truth is not None
     assert truth.albedo is not None

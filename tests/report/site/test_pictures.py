@@ -17,7 +17,7 @@ import trimesh
 from PIL import Image
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.paths import scenes_folder
+from ia_bench.common.paths import scenes_folders
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import direction_to_texel
 from ia_bench.readers.native import NativeReader
@@ -115,7 +115,7 @@ def test_a_texture_keeps_its_mean_and_its_side() -> None:
 
 @pytest.fixture(scope="module")
 def drawn() -> tuple[SceneRenderer, Pictures]:
-    scene_renderer = SceneRenderer(NativeReader(scenes_folder() / "tiny").read(truth=True))
+    scene_renderer = SceneRenderer(NativeReader(scenes_folders()[0] / "tiny").read(truth=True))
     return scene_renderer, scene_renderer.truth()
 
 
