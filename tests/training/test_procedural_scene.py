@@ -99,4 +99,4 @@ def test_fits_know_nothing_of_the_benchmark() -> None:
         imported = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
         assert not [name for name in imported if name.split(".")[1:2] and name.split(".")[1] in ("readers", "runs", "scores")]
         called = {node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
-        assert not called & {"open", "scenes_folder", "read_yaml", "read_json"}
+        assert not called & {"open", "scenes_folders", "read_yaml", "read_json"}
