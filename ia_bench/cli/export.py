@@ -5,12 +5,17 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import OK, say, status_of
 from ia_bench.common.paths import make_writable
+from ia_bench.scenes.scene import Mesh
 
+NO_MESH = Mesh(*(np.zeros((0, count), kind) for count, kind in ((3, "f4"), (3, "i4"), (3, "f4"), (2, "f4"))))
 EXAMPLES = """\
 SCENE is a name or a folder; SETTING=VALUE is any of a run's that decide what is photographed: reader=..., capture.views=8.
 
@@ -50,15 +55,20 @@ def _export(wanted: argparse.Namespace) -> int:
     out = Path(named[0])
     if out.is_dir() and any(out.iterdir()):
         raise InputError(f"{out}: expected a new folder, or an empty one, found files in it")
+    from ia_bench.capture.capture import captured
     from ia_bench.readers.writers.formats import FORMATS, exposed, exposure  # brings in torch, as what follows
     from ia_bench.runs.composition import compose
-    from ia_bench.runs.scene import captured_scene, tell
+    from ia_bench.runs.scene import read_scene, tell
 
     if (wanted.format is None) == (wanted.purpose is None):
         raise InputError(f"ia-bench export: expected --format NAME ({', '.join(FORMATS)}) or --for prior, found neither or both")
     if wanted.format is not None and wanted.format not in FORMATS:
         raise InputError(unknown("--format", wanted.format, FORMATS))
-    scene = captured_scene(compose(settings), lambda line: say(line, sys.stderr))
+    config = compose(settings)
+    scene = read_scene(config.scene, config.reader, truth=True)
+    without = scene.mesh is None and config.capture.geometry == "given"  # which a run refuses, and a layout need not
+    scene = captured(replace(scene, mesh=NO_MESH) if without else scene, config.capture, lambda line: say(line, sys.stderr))
+    scene = replace(scene, mesh=None) if without else scene
     tell(scene, lambda line: say(line, sys.stderr))
     make_writable(out, "OUT")
     if wanted.format is not None:

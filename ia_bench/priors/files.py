@@ -67,12 +67,11 @@ class Stored:
 
 @dataclass(frozen=True)
 class About:
-    """What predictions.json holds; ``made_by`` is for whoever reads it."""
+    """What predictions.json holds."""
 
     albedo: Stored = field(default_factory=Stored)
     specular: Stored = field(default_factory=Stored)
     sees_truth: bool = False
-    made_by: str = ""
     views: dict[str, Any] = field(default_factory=dict)
 
 
@@ -146,7 +145,9 @@ class FilesPrior:
         check_views("files", observations, {}, self.info.provides)
         names = observations.names
         if names is None:
-            raise InputError("prior=files: expected the training views of a scene, found pictures without a name")
+            raise InputError(
+                "prior=files: expected training views of a scene, by whose names it finds files, found pictures without"
+            )
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
             raise InputError(f"prior=files: expected training views of different names, found {names.count(twice)} called {twice}")

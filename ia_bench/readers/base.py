@@ -92,14 +92,6 @@ class FolderReader:
             raise InputError(f"reader.options.shrink: expected at most {smaller}, found {self.shrink}")
         return view.scaled(self.shrink)
 
-    def divided(self, count: int, every: int, view: Callable[[int], View]) -> tuple[list[View], list[View]]:
-        """Training views and held-out views, the ``every``-th ones from the first on, of ``count`` photographs."""
-        expect_every(every)
-        held_out, training = self.kept(range(0, count, every)), [place for place in range(count) if place % every]
-        if len(training) < 2:
-            raise InputError(f"{self.folder}: expected at least 4 photographs, found {count}")
-        return [self.view(view(place)) for place in training], [self.view(view(place)) for place in held_out]
-
     # ---------------------------------------------------------------- the scene
     def scene(
         self,
@@ -135,6 +127,26 @@ class FolderReader:
             truth=truth,
             notes=tuple(dict.fromkeys((*repairs, *notes))),
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnsplitReader(FolderReader):
+    """A reader of photographs in one list, with no truth.
+
+    Attributes:
+        every: Every so many-th photograph is held out, from the first on.
+    """
+
+    every: int = 8
+
+    def unsplit(self, count: int, view: Callable[[int], View], notes: list[str], place: np.ndarray | None = None) -> Scene:
+        """The scene of ``count`` photographs, in their order; ``place`` as of :meth:`scene`. Raises InputError for too few."""
+        expect_every(self.every)
+        held_out, training = self.kept(range(0, count, self.every)), [number for number in range(count) if number % self.every]
+        if len(training) < 2:
+            raise InputError(f"{self.folder}: expected at least 4 photographs, found {count}")
+        train, test = ([self.view(view(number)) for number in numbers] for numbers in (training, held_out))
+        return self.scene(train=train, test=test, novel=test, notes=notes, place=place)
 
 
 def expect_every(every: int) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ia_bench.common.errors import InputError, first_line
 from ia_bench.common.files import file_below
-from ia_bench.readers.base import FolderReader
+from ia_bench.readers.base import UnsplitReader
 from ia_bench.readers.cameras import Lens, expect_each_once, from_world_to_camera, rigid, undistorted
 from ia_bench.readers.pictures import expect_size, mask_beside, photograph
 from ia_bench.scenes.scene import Camera, Scene, View
@@ -31,19 +31,17 @@ MODELS: Mapping[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class ColmapReader(FolderReader):
+class ColmapReader(UnsplitReader):
     """Reads a COLMAP project.
 
     Attributes:
         images: Folder of the photographs, below the project's.
         masks: Folder of their masks.
-        every: Every so many-th photograph by name is held out.
     """
 
     format = "colmap"
     images: str = "images"
     masks: str = "masks"
-    every: int = 8
 
     def read(self, truth: bool) -> Scene:
         """The scene; such a project holds no truth. Raises InputError, also where pycolmap is not installed."""
@@ -57,8 +55,7 @@ class ColmapReader(FolderReader):
         def view(place: int) -> View:
             return self._view(posed[place], model.cameras[posed[place].camera_id], notes)
 
-        train, test = self.divided(len(posed), self.every, view)
-        return self.scene(train=train, test=test, novel=test, notes=notes)
+        return self.unsplit(len(posed), view, notes)
 
     def _view(self, image: Any, lens: Any, notes: list[str]) -> View:  # noqa: ANN401 (pycolmap's, which need not be there)
         folder, where = self.folder, f"{self.folder}: sparse model: image {image.image_id}"

@@ -13,7 +13,7 @@ import numpy as np
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
-from ia_bench.readers.base import FolderReader
+from ia_bench.readers.base import UnsplitReader
 from ia_bench.readers.cameras import from_projection
 from ia_bench.readers.pictures import mask_beside, photograph, pictures_in
 from ia_bench.scenes.photograph import read_arrays
@@ -23,15 +23,10 @@ CAMERAS = "cameras.npz"
 
 
 @dataclass(frozen=True, kw_only=True)
-class DtuReader(FolderReader):
-    """Reads the folder of one scan. A ``mesh`` is in the units of world_mat (millimetres in DTU).
-
-    Attributes:
-        every: Every so many-th photograph is held out.
-    """
+class DtuReader(UnsplitReader):
+    """Reads the folder of one scan. A ``mesh`` is in the units of world_mat (millimetres in DTU)."""
 
     format = "dtu"
-    every: int = 8
 
     def read(self, truth: bool) -> Scene:
         """The scene; the dataset has no truth of material or light. Raises InputError."""
@@ -47,9 +42,8 @@ class DtuReader(FolderReader):
             where = f"{folder / CAMERAS}: world_mat_{place} @ scale_mat_{place}"
             return photo.view(path.stem, from_projection(where, (world @ scale)[:3], width, height))
 
-        train, test = self.divided(len(photos), self.every, view)
         notes.append("photographs are decoded as sRGB: the tone curve of DTU's camera is not known")
-        return self.scene(train=train, test=test, novel=test, notes=notes, place=np.linalg.inv(scale))
+        return self.unsplit(len(photos), view, notes, place=np.linalg.inv(scale))
 
 
 def _matrices(path: Path, count: int) -> list[tuple[np.ndarray, np.ndarray]]:

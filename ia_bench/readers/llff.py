@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ia_bench.common.errors import InputError
-from ia_bench.readers.base import FolderReader
+from ia_bench.readers.base import UnsplitReader
 from ia_bench.readers.cameras import rigid
 from ia_bench.readers.pictures import mask_beside, photograph, pictures_in
 from ia_bench.scenes.photograph import read_array
@@ -24,19 +24,17 @@ ASPECT = 0.01  # by which photographs that were made smaller may miss the aspect
 
 
 @dataclass(frozen=True, kw_only=True)
-class LlffReader(FolderReader):
+class LlffReader(UnsplitReader):
     """Reads the folder of one capture.
 
     Attributes:
         images: The folder of the photographs, such as images_4 for smaller ones.
         masks: The folder of their masks; where there is none, alpha is the mask.
-        every: Every so many-th photograph is held out.
     """
 
     format = "llff"
     images: str = "images"
     masks: str = "masks"
-    every: int = 8
 
     def read(self, truth: bool) -> Scene:
         """The scene; the format holds no truth. Raises InputError."""
@@ -54,8 +52,7 @@ class LlffReader(FolderReader):
             name = photos[place].stem
             return photo.view(name, self._camera(f"{folder / POSES}: row {place}", photos[place], rows[place], photo.mask.shape))
 
-        train, test = self.divided(len(photos), self.every, view)
-        return self.scene(train=train, test=test, novel=test, notes=notes)
+        return self.unsplit(len(photos), view, notes)
 
     def _camera(self, where: str, path: Path, row: np.ndarray, shape: tuple[int, ...]) -> Camera:
         (down, right, back, place, size), (height, width) = row[:15].reshape(3, 5).T, shape

@@ -45,6 +45,17 @@ def test_a_capture_is_written_and_read_back_by_the_printed_command(
     assert name in EXAMPLES
 
 
+def test_a_capture_without_a_mesh_is_written_without_one(
+    tiny: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_blender(tmp_path / "theirs", replace(tiny, mesh=None))
+    assert main(["export", "theirs", "out", "--format", "llff", "reader=nerfstudio", "capture.radiometry=ldr"]) == 0
+    assert not (tmp_path / "out" / "mesh.obj").exists()
+    assert main(["export", "theirs", "full", "--format", "neilf", "reader=nerfstudio"]) == 2
+    assert capsys.readouterr().err.splitlines()[-1].endswith("expected a mesh, found none")
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

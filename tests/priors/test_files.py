@@ -146,7 +146,7 @@ def test_it_sees_files_and_nothing_else(tmp_path: Path) -> None:
     other = replace(one, images=torch.rand_like(one.images))
     assert torch.equal(ask(prior, one, seed=0).values["albedo"], ask(prior, other, seed=5).values["albedo"])
     assert FilesPrior(path=str(tmp_path), **TOLD, sees_truth=True).info.sees_truth
-    with pytest.raises(InputError, match="expected the training views of a scene"):
+    with pytest.raises(InputError, match="expected training views of a scene, by whose names"):
         prior.sample(replace(one, names=None), seed=0)
     with pytest.raises(InputError, match="cannot be guided"):
         prior.sample(one, seed=0, guidance={"albedo": one.images})
