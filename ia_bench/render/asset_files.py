@@ -14,12 +14,15 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import torch
 from PIL import Image
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.mesh import sound_mesh, turned_normals, unwrap
 from ia_bench.light.environment import turned
+from ia_bench.material.textures import fetch
 from ia_bench.render.asset_parts import Note, Part, Surface, read_parts, wound
+from ia_bench.render.indirect import Atlas
 from ia_bench.render.reconstruction import Assets
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import read_light
@@ -31,6 +34,7 @@ TO_Z_UP: dict[Up, np.ndarray] = {"z": np.eye(4), "y": np.array([[1.0, 0, 0, 0], 
 ROUGHNESS = 0.5
 """What renders take where nobody knows the roughness."""
 LARGEST_SIDE = 8192  # texels of what several textures make
+BAKED = 1024  # texels along a side of a texture that is made of the colours of vertices
 PART = 8  # of the largest texture's side that a material without textures has at least
 OUTSIDE = 1e-5  # by which texture coordinates may pass [0, 1]
 
@@ -64,7 +68,14 @@ def read_asset(
     if not parts:
         raise InputError(f"{path}: expected triangles, found none")
     surfaces = {name: _reduced(surfaces[name], texture_size) for name in dict.fromkeys(part.material for part in parts)}
-    parts, surface, assumed = _as_one(path, [_with_uv(path, part, surfaces) for part in parts], surfaces, note)
+    parts = [_with_uv(path, part, surfaces) for part in parts]
+    for place, part in enumerate(parts):
+        if part.colours is not None:
+            name, side = f"{part.material} {place}", texture_size or BAKED
+            note(f"{path.name}: colours of vertices, linear as glTF has them, are baked into {side} x {side} texels")
+            parts[place], surfaces[name] = _baked(replace(part, material=name), surfaces[part.material], side)
+    surfaces = {part.material: surfaces[part.material] for part in parts}
+    parts, surface, assumed = _as_one(path, parts, surfaces, note)
     mesh = _joined(path, parts, note)
     assert surface.roughness is not None
     asset = moved(Assets(mesh, surface.albedo, surface.roughness, surface.metallic, assumed=assumed), TO_Z_UP[up])
@@ -101,13 +112,41 @@ def _with_uv(path: Path, part: Part, surfaces: Mapping[str, Surface]) -> Part:
         found = f"{np.nanmin(part.uv):.4g} ... {np.nanmax(part.uv):.4g}: bake textures that repeat"
     if large:
         raise InputError(f"{path}: expected texture coordinates within 0 ... 1 for its texture of {large[0]}, found {found}")
+    if part.colours is not None:  # which are baked into a texture next
+        return replace(part, uv=None)
+    made = _unwrapped(part)
+    return Part(made.vertices, made.faces, None if part.normals is None else made.normals, made.uv, part.material)
+
+
+def _baked(part: Part, surface: Surface, side: int) -> tuple[Part, Surface]:
+    """The part over new texture coordinates, and its maps with ``side`` x ``side`` texels, the colours of its vertices among them."""
+    made = _unwrapped(part)  # triangles and corners keep their order
+    atlas = Atlas.of(made, side, torch.device("cpu"))
+    second, third = atlas.barycentric.T
+    weights = torch.stack([1 - second - third, second, third], -1)[..., None]
+
+    def inside(corners: np.ndarray) -> torch.Tensor:
+        return (weights * torch.from_numpy(corners[part.faces]).float()[atlas.face]).sum(1)
+
+    assert part.colours is not None
+    maps = {}
+    for name, image in surface.maps.items():
+        found = torch.from_numpy(np.atleast_3d(image)).float()[0, 0].expand(len(atlas.face), -1)
+        if image.shape[:2] != (1, 1) and part.uv is not None:
+            found = fetch(torch.from_numpy(np.atleast_3d(image)).float(), inside(part.uv))
+        texels = (found * inside(part.colours) if name == "albedo" else found)[atlas.row.long()].numpy()
+        maps[name] = texels if name == "albedo" else texels[..., 0]
+    normals = None if part.normals is None else made.normals
+    return Part(made.vertices, made.faces, normals, made.uv, part.material), Surface(**maps)
+
+
+def _unwrapped(part: Part) -> Mesh:
     import trimesh
 
     normals = part.normals
     if normals is None:
         normals = np.asarray(trimesh.Trimesh(part.vertices, part.faces, process=False).vertex_normals)
-    made = unwrap(np.asarray(part.vertices), np.asarray(part.faces), normals)
-    return Part(made.vertices, made.faces, None if part.normals is None else made.normals, made.uv, part.material)
+    return unwrap(np.asarray(part.vertices), np.asarray(part.faces), normals)
 
 
 def _as_one(

@@ -50,13 +50,14 @@ class Surface:
 
 @dataclass(frozen=True)
 class Part:
-    """Triangles of one material, in the axes of the file; ``material`` names it."""
+    """Triangles of one material, in the axes of the file; ``material`` names it. Its albedo is multiplied by ``colours`` (V, 3)."""
 
     vertices: np.ndarray
     faces: np.ndarray
     normals: np.ndarray | None
     uv: np.ndarray | None
     material: str
+    colours: np.ndarray | None = None
 
 
 def read_parts(path: Path, note: Note) -> Parts:
@@ -102,24 +103,27 @@ def _gltf(path: Path, note: Note) -> tuple[list[Part], dict[str, Surface]]:
     for number, material in enumerate(materials):  # so that trimesh says which one it means
         material["name"], material["_name"] = str(number), material.get("name", f"material {number}")
     for primitive in (one for mesh in header.get("meshes", []) for one in mesh.get("primitives", [])):
-        if "COLOR_0" in primitive.get("attributes", {}):
-            raise InputError(f"{path}: expected colours in textures or factors, found those of vertices (COLOR_0); bake a texture")
+        primitive.setdefault("material", len(materials))  # of its own where there is none: trimesh would round its colours
+    materials.append({"name": str(len(materials)), "_name": ""})
     text = json.dumps(header).encode()
     if path.suffix.lower() == ".glb":
         text += b" " * (-len(text) % 4)
         text = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON") + text + rest
-    parts, surfaces = [], {"": _surface_of({}, None, None)}
+    parts, surfaces = [], dict[str, Surface]()
     if used := sorted({IGNORED[key] for material in materials for key in IGNORED if key in material}):
         note(f"{path.name}: {', '.join(used)} left out: materials here have base colour, roughness and metallic")
     for mesh, matrix, normals in placed_parts(parsed_by_trimesh(path, text)):
         material = getattr(mesh.visual, "material", None)
-        name = getattr(material, "name", None) or ""
-        if name and name not in surfaces:
+        name = str(getattr(material, "name", len(materials) - 1))
+        if name not in surfaces:
             pictures = getattr(material, "baseColorTexture", None), getattr(material, "metallicRoughnessTexture", None)
             surfaces[name] = _gltf_surface(path, header, int(name), *pictures)
-        uv = getattr(mesh.visual, "uv", None)
+        uv, colours = getattr(mesh.visual, "uv", None), getattr(mesh.visual, "vertex_attributes", {}).get("color")
+        if colours is not None:  # linear, as glTF has them, whatever their type
+            colours = np.asarray(colours, np.float32)[:, :3] / (np.iinfo(colours.dtype).max if colours.dtype.kind == "u" else 1)
+            colours = None if (colours == 1).all() else colours  # white changes nothing
         vertices = np.asarray(mesh.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
-        parts.append(Part(vertices, wound(mesh.faces, matrix), normals, uv, name))
+        parts.append(Part(vertices, wound(mesh.faces, matrix), normals, uv, name, colours))
     return parts, surfaces
 
 
@@ -143,6 +147,8 @@ def _header(path: Path) -> tuple[dict[str, Any], bytes]:
 def _gltf_surface(path: Path, header: Mapping[str, Any], number: int, base: Any, packed: Any) -> Surface:  # noqa: ANN401
     """One material, from its pictures as trimesh has them; raises InputError for what it asks for and is not done here."""
     material = header["materials"][number]
+    if not material["_name"]:  # colours of vertices alone
+        return Surface(np.ones((1, 1, 3), np.float32))
     where = f"{path}: material {shown(material['_name'])}"
     found = material.get("pbrMetallicRoughness", {})
     for key, picture in (("baseColorTexture", base), ("metallicRoughnessTexture", packed)):

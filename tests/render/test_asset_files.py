@@ -234,6 +234,29 @@ def test_blenders_own_exporter() -> None:
     assert notes == ["by_blender.glb: textures of 2 materials are laid side by side into one of 13 x 13 texels"]
 
 
+@pytest.mark.parametrize("textured", [False, True])
+def test_colours_of_vertices_are_baked_and_multiply_the_texture(tmp_path: Path, textured: bool) -> None:
+    colours = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 51]], np.uint8)
+    base = np.full((4, 4, 3), 128, np.uint8)
+    material = PBRMaterial(baseColorTexture=Image.fromarray(base), roughnessFactor=0.25)
+    visual = trimesh.visual.TextureVisuals(uv=UV, material=material)
+    solid = trimesh.Trimesh(VERTICES, FACES, visual=visual, process=False)
+    if textured:
+        solid.visual.vertex_attributes["color"] = np.c_[colours, np.full(4, 255, np.uint8)]
+    else:
+        solid.visual = trimesh.visual.ColorVisuals(solid, vertex_colors=colours)
+    (tmp_path / "a.glb").write_bytes(trimesh.Scene(solid).export(file_type="glb"))
+    asset, notes = read(tmp_path / "a.glb", up="z", texture_size=256)
+    assert any("colours of vertices" in note for note in notes)
+    factor = srgb_to_linear(np.float32(128 / 255)) if textured else 1.0
+    weights = np.array([0.5, 0.3, 0.2])
+    for triangle, which in zip(asset.mesh.faces, FACES, strict=True):
+        found = at(asset.albedo, weights @ asset.mesh.uv[triangle][None])[0]
+        order = [np.abs(VERTICES[which] - asset.mesh.vertices[corner]).sum(-1).argmin() for corner in triangle]
+        np.testing.assert_allclose(found, factor * weights @ colours[which][order] / 255, atol=0.02)
+    assert asset.assumed == (set() if textured else {"roughness"})
+
+
 def test_a_large_texture_is_reduced(tmp_path: Path) -> None:
     values = picture(0, 8, 8)
     path = gltf(tmp_path / "a.glb", lambda header: None, baseColorTexture=Image.fromarray(values))
@@ -255,7 +278,6 @@ BASE = ("materials", 0, "pbrMetallicRoughness", "baseColorTexture")
 GLTF_MISTAKES = {
     "second texture coordinates": (set_in(*BASE, "texCoord", value=1), "baseColorTexture: expected the first texture coordinates"),
     "moved texture": (set_in(*BASE, "extensions", value={"KHR_texture_transform": {}}), "or a transform of them"),
-    "vertex colours": (set_in("meshes", 0, "primitives", 0, "attributes", "COLOR_0", value=0), "COLOR_0"),
     "texture absent": (set_in("images", 0, value={"uri": "gone.png"}), "expected a picture"),
     "other model": (
         set_in("materials", 0, value={"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}}),
