@@ -119,7 +119,7 @@ def _with_uv(path: Path, part: Part, surfaces: Mapping[str, Surface]) -> Part:
 
 
 def _baked(part: Part, surface: Surface, side: int) -> tuple[Part, Surface]:
-    """The part over new texture coordinates, and its maps with ``side`` x ``side`` texels, the colours of its vertices among them."""
+    """The part over new texture coordinates, and its maps with ``side`` x ``side`` texels, colours of vertices among them."""
     made = _unwrapped(part)  # triangles and corners keep their order
     atlas = Atlas.of(made, side, torch.device("cpu"))
     second, third = atlas.barycentric.T
