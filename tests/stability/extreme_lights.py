@@ -6,11 +6,10 @@ from collections.abc import Iterator
 
 import kernel_calls
 import torch
-from kernel_calls import density, direction_to_texel, texel_to_direction
-from stability.case import Case, Measured, all_finite, deviation, refused
+from kernel_calls import density
+from stability.case import Case, Measured, all_finite, refused
 from torch import Tensor
 
-from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import LatLongSampler, row_solid_angles
 
 GROUP = "light"
@@ -26,8 +25,6 @@ def cases() -> Iterator[Case]:
         yield Case(GROUP, extreme, quantity, reference, 5.5, lambda m=radiance: _shares(m))
     for name, bad in (("NaN", float("nan")), ("Inf", float("inf"))):
         yield Case(GROUP, f"one texel of {name}", "sampling tables", "refused", 0.0, lambda b=bad: _bad_texel(b))
-    yield Case(GROUP, "one texel of 1e6 in 256 rows", "power after reduction to 16 rows", "power before", 1e-6, _reduced)
-    yield Case(GROUP, "poles and seam", "texel of a direction drawn in it", "the texel", 0.0, _round_trip)
 
 
 def _maps() -> dict[str, Tensor]:
@@ -82,22 +79,3 @@ def _bad_texel(value: float) -> Measured:
     return refused(lambda: LatLongSampler.build(radiance), FloatingPointError, "light")
 
 
-def _reduced() -> Measured:
-    radiance = torch.full((256, 512, 3), 0.1)
-    radiance[100, 200] = 1e6
-    small = LatLongEnvironment(radiance).latlong(16)
-
-    def power(light: Tensor) -> Tensor:
-        rows = row_solid_angles(*light.shape[:2])
-        return (light.double() * rows[:, None, None]).sum((0, 1))
-
-    return Measured(deviation(power(small), power(radiance)))
-
-
-def _round_trip() -> Measured:
-    height, width = 64, 128
-    rows, columns = torch.tensor([0, 0, 63, 63, 31, 31, 0, 63]), torch.tensor([0, 127, 0, 127, 0, 127, 64, 64])
-    texel = (rows * width + columns).repeat_interleave(1000)
-    u, v = torch.rand(2, len(texel), generator=torch.Generator().manual_seed(0)).clamp(1e-3, 1 - 1e-3)
-    back = direction_to_texel(texel_to_direction(texel, u, v, height, width), height, width)
-    return Measured(float((back != texel).double().mean()))

@@ -63,8 +63,6 @@ def cases() -> Iterator[Case]:
         extreme = f"roughness {roughness:g} in a white furnace"
         reference = "the lobe's directional albedo (1 % noise)"
         yield Case(GROUP, extreme, "specular radiance", reference, 0.02, lambda r=roughness: _specular(r))
-    for metallic, reference in ((0.0, "the dielectric"), (1.0, "no diffuse radiance")):
-        yield Case(GROUP, f"metallic {metallic:g}", "radiance", reference, 1e-6, lambda m=metallic: _metal(m))
     extreme = "albedo 1 and 100 bounces in an open box in a white furnace"
     yield Case(GROUP, extreme, "diffuse radiance; gradient in albedo", "1; finite", 0.02, _white_box)
     for factor in (1e-20, 1e20):
@@ -78,8 +76,6 @@ def cases() -> Iterator[Case]:
     yield Case(GROUP, "every triangle twice in the same place", "mean radiance", plain, 2e-3, lambda: _mean_like_plain(copies=2))
     yield Case(GROUP, "an image of one pixel", "radiance", "finite", 1e6, lambda: _finite(Setup(pixels=1)))
     yield Case(GROUP, "a camera that sees nothing", "radiance", "0", 0.0, _nothing_seen)
-    what, reference = "mean of 64 renders", "128 samples (2 % noise)"
-    yield Case(GROUP, "one sample a pixel (two: light and BRDF)", what, reference, 0.02, _few_samples)
 
 
 def _ball(setup: Setup) -> Mesh:
@@ -180,14 +176,6 @@ def _specular(roughness: float) -> Measured:
     return Measured(deviation(mean, expected), finite=all_finite(rendered.specular))
 
 
-def _metal(metallic: float) -> Measured:
-    setup = Setup()
-    plain, metal = _material(setup), replace(_material(setup), metallic=torch.full((4, 4, 1), metallic))
-    found, dielectric = _render(setup, metal), _render(setup, plain)
-    error = float(found.diffuse.abs().max()) if metallic else deviation(found.radiance, dielectric.radiance, 1e-6)
-    return Measured(error, finite=all_finite(found.radiance))
-
-
 def _box(radiance: Tensor, albedo: Tensor, bounces: int) -> Tensor:
     """Diffuse radiance (P, 3) of the inside of a box without a lid, seen from above."""
     corners = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], np.float32)
@@ -256,6 +244,3 @@ def _nothing_seen() -> Measured:
     return Measured(float(images["radiance"].abs().max()), finite=all_finite(images["radiance"]))
 
 
-def _few_samples() -> Measured:
-    few = torch.stack([_render(Setup(samples=1, seed=seed)).radiance.mean(0) for seed in range(64)]).mean(0)
-    return Measured(deviation(few, _render(Setup(samples=128, seed=1000)).radiance.mean(0)), finite=all_finite(few))
