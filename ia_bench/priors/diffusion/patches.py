@@ -63,6 +63,13 @@ def sample_large(
         shape, device, dtype = (len(condition), *like), condition.device, condition.dtype
         return sample(denoise, schedule, shape, seeds, settings, device=device, dtype=dtype)
 
+    def shared_noise(places: Sequence[Place]) -> Noise:
+        """Windows of one noise image for each image that patches lie in."""
+        numbers = sorted({number for number, *_ in places})
+        images = seeded_noise([derive_seed(seeds[number], 0) for number in numbers], (channels, side, side))
+        windows = [(numbers.index(number), every, rows, columns) for number, every, rows, columns in places]
+        return lambda: _cut(images(), windows)
+
     samples = []
     for start in range(0, len(condition), batch):
         part = slice(start, start + batch)
@@ -86,11 +93,7 @@ def sample_large(
     for start in range(0, len(places), batch):
         some = places[start : start + batch]
         cut = partial(_cut, places=some)
-        numbers = sorted({number for number, *_ in some})
-        images = seeded_noise([derive_seed(seeds[number], 0) for number in numbers], (channels, side, side))
-        windows = [(numbers.index(number), *place) for number, *place in some]
-        noise = partial(lambda images, windows: _cut(images(), windows), images, windows)
-        fine = draw(cut(condition), noise, [pull.through(cut) for pull in pulls])
+        fine = draw(cut(condition), shared_noise(some), [pull.through(cut) for pull in pulls])
         for place, patch in zip(some, fine, strict=True):
             total[place] += window * patch
             weight[place] += window
