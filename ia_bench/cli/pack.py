@@ -10,10 +10,11 @@ from pathlib import Path
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, complain, say, status_of
 from ia_bench.common.paths import make_writable
+from ia_bench.common.progress import Progress
 from ia_bench.runs.cells import folders_with_cells
 from ia_bench.runs.folder import folders_among
 from ia_bench.runs.packs import write_pack
-from ia_bench.runs.record import METRICS_FILE
+from ia_bench.runs.record import METRICS_FILE, RunRecord
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -21,27 +22,40 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="ia-bench pack", description=__doc__.partition(": ")[2], allow_abbrev=False)
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help="folders of runs, or the folder of a table's results")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.zip", help="the pack to write")
-    parser.add_argument("--authors", required=True, help="who brings the results, as a table shall name them")
+    parser.add_argument("--authors", help="who brings the results, as a table shall name them")
     parser.add_argument("--url", default="", help="where a paper or the code is")
     parser.add_argument("--note", default="", help="what a reader has to know, in a sentence")
+    parser.add_argument("--row", help="the runs of this row alone")
+    what = (
+        "zip (default); stanford-orb: pictures below the folder --out and their list beside it, for that benchmark's own evaluation"
+    )
+    parser.add_argument("--format", choices=("zip", "stanford-orb"), default="zip", metavar="FORMAT", help=what)
     wanted = parser.parse_args(arguments)
     return status_of(lambda: _pack(wanted))
 
 
 def _pack(wanted: argparse.Namespace) -> int:
+    found = folders_with_cells(folders_among(wanted.runs, complain), complain)
+    folders = sorted(folder for folder in found if (folder / METRICS_FILE).is_file())
+    if wanted.row is not None:
+        folders = [folder for folder in folders if RunRecord.read(folder).row == wanted.row]
+    if not folders:
+        of = f"row {wanted.row}" if wanted.row else "a run"
+        raise InputError(f"{', '.join(map(str, wanted.runs))}: expected the {METRICS_FILE} of {of} below, found none")
+    make_writable(wanted.out.parent, "--out")
+    if wanted.format == "stanford-orb":
+        from ia_bench.runs.stanford_orb import write_submission  # brings in the renderer
+
+        with Progress() as progress:
+            say(f"{write_submission(folders, wanted.out, begin=progress.task)} is for scripts/test.py of Stanford-ORB", sys.stdout)
+        return OK
     if wanted.out.suffix != ".zip":
         raise InputError(f"--out: expected a name that ends with .zip, found {wanted.out}")
-    folders = [folder for folder in folders_with_cells(folders_among(wanted.runs, complain), complain) if _has_ended(folder)]
-    if not folders:
-        raise InputError(f"{', '.join(map(str, wanted.runs))}: expected a run's {METRICS_FILE} below, found none")
-    make_writable(wanted.out.parent, "--out")
-    manifest = write_pack(sorted(folders), wanted.out, authors=wanted.authors, url=wanted.url, note=wanted.note)
+    if wanted.authors is None:
+        raise InputError('--authors: expected who brings the results, as --authors "A. Author", found none')
+    manifest = write_pack(folders, wanted.out, authors=wanted.authors, url=wanted.url, note=wanted.note)
     failed = sum(run.status == "failed" for run in manifest.runs)
     what = f"{len(manifest.runs)} runs" if len(manifest.runs) > 1 else "1 run"
     said = f", {failed} of which failed" if failed else ""
     say(f"{wanted.out}: {what}{said}, {wanted.out.stat().st_size / 1e6:.1f} MB; ia-bench verify {wanted.out} checks it", sys.stdout)
     return OK
-
-
-def _has_ended(folder: Path) -> bool:
-    return (folder / METRICS_FILE).is_file()

@@ -22,7 +22,7 @@ from pydantic import Field
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import read_json, shown
+from ia_bench.common.files import read_json, shown, user_path
 from ia_bench.common.ranges import Name
 from ia_bench.common.registry import THE_COMMAND_LINE, named
 from ia_bench.common.settings import parsed
@@ -31,7 +31,10 @@ from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup, dama
 
 MANIFEST = "manifest.json"
 FORMAT: Literal[1] = 1
+ORDERS, PICTURES = ("names", "sorted"), (".exr", ".png")  # as method=images has them
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file within: the same runs give the same bytes
+BROUGHT_PICTURES, ORDER = "brought", "order.json"
+"""The folder below a run's with the pictures that method=images scored, and the file in it that says their order."""
 MOST_MEMBERS, MEMBER_BYTES, ALL_BYTES = 20_000, 1 << 30, 8 << 30
 """Of files in a pack: how many, and how many bytes of one and of all, unpacked."""
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError)
@@ -107,6 +110,7 @@ def write_pack(folders: Sequence[Path], out: Path, *, authors: str, url: str = "
     """
     runs: list[PackedRun] = []
     content: dict[str, bytes | Path] = {}
+    parts: dict[str, bytes | Path]
     for folder in folders:
         run = PackedRun.of(folder, "")
         damaged = damaged_file(folder, RunRecord.read(folder))
@@ -117,9 +121,12 @@ def write_pack(folders: Sequence[Path], out: Path, *, authors: str, url: str = "
         if twice is not None:
             raise InputError(f"{folder}: expected one run of row {run.row}, scene {run.scene}, seed {run.seed}, found a second one")
         texts = {file: _without_home((folder / file).read_bytes()) for file in (METRICS_FILE, CONFIG)}
-        content |= {f"{name}/{file}": texts.get(file, folder / file) for file in run.files}
-        digests = {file: hashlib.sha256(text).hexdigest() for file, text in texts.items()}
-        runs.append(PackedRun(**{**asdict(run), "folder": name, "files": run.files | digests}))
+        parts = {**{file: folder / file for file in run.files}, **_brought(folder), **texts}
+        content |= {f"{name}/{file}": part for file, part in parts.items()}
+        digests = {
+            file: digest_of(part) if isinstance(part, Path) else hashlib.sha256(part).hexdigest() for file, part in parts.items()
+        }
+        runs.append(PackedRun(**{**asdict(run), "folder": name, "files": digests}))
     manifest = parsed(Manifest, asdict(Manifest(authors=authors, url=url, note=note, runs=runs)))
     with whole_file(out) as partial, zipfile.ZipFile(partial, "w") as archive:
         for name, part in {MANIFEST: json_bytes(MANIFEST, asdict(manifest)), **content}.items():
@@ -181,7 +188,7 @@ def problems(run: PackedRun, out: Path) -> list[str]:
     recorded = {**found.files, **RunRecord.read(folder).files}
     for file in sorted(run.files.keys() | recorded.keys()):
         digest = digest_of(folder / file)
-        where = [whose for whose, files in (("manifest", run.files), ("record", recorded)) if files.get(file) != digest]
+        where = [whose for whose, files in (("manifest", run.files), ("record", recorded)) if files.get(file, digest) != digest]
         if where:
             said.append(
                 f"{file}: expected the hash in the {' and the '.join(where)}, found {'another one' if digest else 'no file'}"
@@ -202,7 +209,7 @@ def packs_among(paths: Sequence[Path]) -> list[Path]:
     found: list[Path] = []
     for path in paths:
         below = [path] if path.is_file() else sorted(path.rglob("*.zip")) if path.is_dir() else []
-        below = [one for one in below if one == path or one.name != "pictures.zip"]  # of a run's folder
+        below = [one for one in below if one == path or not (one.parent / METRICS_FILE).is_file()]  # a run's pictures.zip is none
         if not below:
             raise InputError(f"{shown(path)}: expected a pack, or a folder with packs, found none")
         found += below
@@ -236,6 +243,18 @@ def _extract(archive: zipfile.ZipFile, name: str, out: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     with archive.open(name) as member, target.open("wb") as file:
         shutil.copyfileobj(member, file)
+
+
+def _brought(folder: Path) -> dict[str, Path]:
+    """The pictures that a run of method=images has scored, by their names in its folder of a pack; nothing of other methods."""
+    method = RunSetup.read(folder).config.get("method", {})
+    if method.get("name") != "images":
+        return {}
+    root, order = user_path("method.options.path", str(method["options"].get("path")), folder=True), method["options"].get("order")
+    pictures = [path for path in sorted(root.rglob("*")) if path.suffix in PICTURES and path.is_file()]
+    found = {path.relative_to(root).as_posix(): path for path in pictures}
+    found |= {} if order in ORDERS else {ORDER: user_path("method.options.order", str(order))}
+    return {f"{BROUGHT_PICTURES}/{name}": path for name, path in found.items()}
 
 
 def _without_home(text: bytes) -> bytes:

@@ -13,14 +13,18 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import commit
 from ia_bench.common.progress import Begin, Progress, unseen
-from ia_bench.common.settings import parsed_file
+from ia_bench.common.settings import parsed, parsed_file
 from ia_bench.material.textures import Material
+from ia_bench.methods.images import ImagesOptions, Pictures
+from ia_bench.methods.info import held_out
 from ia_bench.render.asset_files import read_asset
-from ia_bench.render.reconstruction import TexturedReconstruction
+from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
+from ia_bench.render.settings import BROUGHT
 from ia_bench.render.stage import Stage
 from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import hash_of, labels, scene_content, setup
+from ia_bench.runs.packs import BROUGHT_PICTURES, ORDER, ORDERS
 from ia_bench.runs.pictures.packing import write_pictures
 from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup
 from ia_bench.runs.scene import read_scene
@@ -101,6 +105,16 @@ class Recovered:
         material = Material(texture("albedo", 3), texture("roughness", 1), optional("metallic", 1))
         return TexturedReconstruction(stage, material, optional("light", 3), coat=self.config.render.coat, assumed=assumed)
 
+    def pictures(self, scene: Scene) -> Pictures | None:
+        """The pictures that method=images scored, where a pack has put them into the run's folder; None otherwise."""
+        folder = self.folder / BROUGHT_PICTURES
+        if self.record.renderer != BROUGHT or not folder.is_dir():
+            return None
+        options = {**self.config.method.options, "path": str(folder)}
+        if options["order"] not in ORDERS:
+            options["order"] = str(folder / ORDER)
+        return Pictures(parsed(ImagesOptions, options), held_out(scene))
+
 
 class Rescorer:
     """Scores runs under one protocol, each in a new folder below ``out``. Successive runs of one scene share its G-buffers.
@@ -160,7 +174,7 @@ class Rescorer:
             self._scene = run.read_scene(self.scene)
             self._stage, self._scorer = Stage(self._scene.expect_mesh(), device), Scorer(self._scene, self.protocol, device)
             self._key = key
-        reconstruction = run.reconstruction(self._stage)
+        reconstruction: Reconstruction = run.pictures(self._scene) or run.reconstruction(self._stage)
         if run.record.renderer != reconstruction.renderer:
             raise InputError(
                 f"{run.folder / METRICS_FILE}: renderer: expected {reconstruction.renderer}, found {run.record.renderer}: its own "

@@ -214,3 +214,20 @@ def test_what_cannot_be_packed_is_said(runs: Path, tmp_path: Path, capsys: pytes
     assert main(["pack", str(runs / "none"), "--out", str(tmp_path / "a.zip"), "--authors", " "]) == 2
     assert "authors: expected a name" in capsys.readouterr().err
     assert not (tmp_path / "a.zip").exists()
+
+
+def test_what_other_software_made_is_scored_again_from_its_pictures_or_its_asset(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["score", str(runs / "none"), "--pictures", str(tmp_path / "pictures")]) == 0
+    for name, what in (("pictures", tmp_path / "pictures"), ("asset", runs / "none" / "asset.glb")):
+        given = ["--scene", "tiny", "--row", name, "--seconds", "77", "--out", str(tmp_path / "runs" / name), *SMALL[1:]]
+        assert main(["score", str(what), *given]) == 0
+        packed(tmp_path / "runs" / name, tmp_path / "packs" / f"{name}.zip", "C. Third")
+    shutil.rmtree(tmp_path / "pictures")  # on another machine it is not there
+    assert main(["verify", str(tmp_path / "packs")]) == 0
+    assert "2 verified" in capsys.readouterr().out
+    assert main(["board", str(tmp_path / "packs"), "--out", str(tmp_path / "board")]) == 0
+    told = capsys.readouterr().out
+    assert told.count("77.0 (declared)") == 2
+    assert told.count("seconds as they declare them") == 2
