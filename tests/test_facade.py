@@ -76,6 +76,13 @@ def test_the_asset_is_a_glb(fit: ib.Fit, tmp_path: Path) -> None:
         fit.save(tmp_path / "asset.obj")
 
 
+def test_a_saved_asset_is_a_fit_of_other_software(fit: ib.Fit, scene: ib.LoadedScene, tmp_path: Path) -> None:
+    given = {"path": fit.save(tmp_path / "it's.glb"), "light": fit.folder / "light.exr"}
+    brought = ib.fit(scene, method="asset", out=tmp_path / "out", progress=False, device="cpu", threads=1, fit=given)
+    found, own = (one.metrics["relighting"]["psnr"] for one in (brought, fit))
+    assert found == pytest.approx(own, abs=0.02)
+
+
 def test_a_table_has_a_line_per_run(fit: ib.Fit) -> None:
     shown = ib.table([fit])
     assert shown.loc[0, "aligned_albedo_psnr"] == fit.metrics["aligned_albedo"]["psnr"]

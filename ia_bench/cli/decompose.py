@@ -10,6 +10,7 @@ from pathlib import Path
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, say, status_of
 from ia_bench.common.paths import make_writable
+from ia_bench.common.progress import Progress
 from ia_bench.runs.decomposition import check_numbers, decompose_with, make_prior, reduced, write_decomposition
 from ia_bench.scenes.photograph import read_photograph
 
@@ -45,7 +46,9 @@ def _decompose(wanted: argparse.Namespace) -> int:
     for path, (radiance, coverage) in zip(wanted.images, read, strict=True):
         if bool((coverage == 1).all()):
             say(f"{path}: no mask: the whole picture is taken as the object; --mask or its alpha says what is", sys.stdout)
-        parts = decompose_with(maker, *reduced(radiance, coverage, wanted.size), samples=wanted.samples, seed=wanted.seed)
+        with Progress() as progress:
+            small = reduced(radiance, coverage, wanted.size)
+            parts = decompose_with(maker, *small, samples=wanted.samples, seed=wanted.seed, begin=progress.task)
         say(f"{path}: {parts.samples} samples, {parts.network_calls} network evaluations", sys.stdout)
         for written in write_decomposition(parts, wanted.out, path.stem):
             say(f"  {written}", sys.stdout)

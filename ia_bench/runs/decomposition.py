@@ -19,6 +19,7 @@ from PIL import Image
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
+from ia_bench.common.progress import Begin, unseen
 from ia_bench.runs.composition import compose
 from ia_bench.runs.pictures.preview import labelled
 from ia_bench.scenes.exr import write_exr
@@ -121,8 +122,19 @@ def check_numbers(prefix: str, **values: int) -> None:
             raise InputError(f"{prefix}{name}: expected at least {least}, found {values[name]}")
 
 
-def decompose_with(prior: Any, image: np.ndarray, mask: np.ndarray, *, samples: int, seed: int) -> Decomposition:  # noqa: ANN401
-    """Split an image (H, W, 3), linear and premultiplied by its mask (H, W), with a prior that is made already."""
+def decompose_with(
+    prior: Any,  # noqa: ANN401 (of any kind)
+    image: np.ndarray,
+    mask: np.ndarray,
+    *,
+    samples: int,
+    seed: int,
+    begin: Begin = unseen,
+) -> Decomposition:
+    """Split an image (H, W, 3), linear and premultiplied by its mask (H, W), with a prior that is made already.
+
+    ``begin`` shows how many samples are drawn.
+    """
     import torch
 
     from ia_bench.common.seeds import derive_seed
@@ -131,7 +143,10 @@ def decompose_with(prior: Any, image: np.ndarray, mask: np.ndarray, *, samples: 
 
     shown = Observations(torch.from_numpy(image)[None], torch.from_numpy(mask)[None])
     count = samples if prior.info.stochastic else 1
-    drawn = [ask(prior, shown, seed=derive_seed(seed, draw)) for draw in range(count)]
+    task, drawn = begin("samples", count), []
+    for draw in range(count):
+        drawn.append(ask(prior, shown, seed=derive_seed(seed, draw)))
+        task.advance()
     stacked = {name: torch.stack([one.values[name][0] for one in drawn]).numpy() for name in sorted(prior.info.provides)}
     return Decomposition(
         image=image,
