@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from ia_bench.checks.readers import difference
 from ia_bench.common.errors import InputError
 from ia_bench.readers.contract import check_scene
 from ia_bench.readers.native import NativeReader
+from ia_bench.readers.writers.native import write_native
 from ia_bench.scenes.exr import read_exr, write_exr
 from ia_bench.scenes.scene import Scene, View
 
@@ -87,6 +90,14 @@ def test_without_truth_its_files_are_not_even_opened(tiny_copy: Path) -> None:
         path.unlink()
     assert len(NativeReader(tiny_copy).read(truth=False).train) == 16
     refused(tiny_copy, r"albedo_path: truth/train/albedo/0000\.exr: no such file")
+
+
+def test_what_is_written_is_the_same_scene(tiny: Scene, tmp_path: Path) -> None:
+    write_native(tmp_path / "tiny", tiny)
+    found = NativeReader(tmp_path / "tiny").read(truth=True)
+    assert difference(*(replace(scene, source="", notes=(), mesh=None) for scene in (found, tiny))) is None
+    for name in ("vertices", "faces", "normals", "uv"):
+        np.testing.assert_allclose(getattr(found.mesh, name), getattr(tiny.mesh, name), atol=1e-6)  # normals are made unit ones again
 
 
 def test_a_mesh_is_optional(tiny_copy: Path) -> None:

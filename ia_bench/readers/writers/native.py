@@ -21,10 +21,11 @@ TRIANGLE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 def write_native(folder: Path, scene: Scene) -> Options:
     """OpenEXR of whole floats; textures in 8 bits, where they belong to the mesh that is written."""
     for split in ("train", "test", "novel"):
-        frames = []
-        for number, view in enumerate(getattr(scene, split)):
-            name = f"{number:04}_{flat(view.name)}"
-            name = name if view.light == "train" else f"{name}_{view.light}"
+        frames, views = [], getattr(scene, split)
+        unique = len({(view.light, flat(view.name)) for view in views}) == len(views)
+        for number, view in enumerate(views):
+            name = flat(view.name) if unique else f"{number:04}"
+            name = name if view.light == "train" else f"{view.light}/{name}"
             write_exr(folder / f"images/{split}/{name}.exr", np.dstack([view.image, view.mask]), half=False)
             more = dict[str, Any](light=view.light)
             for kind in KNOWN:
