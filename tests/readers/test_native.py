@@ -97,7 +97,7 @@ def test_what_is_written_is_the_same_scene(tiny: Scene, tmp_path: Path) -> None:
     found = NativeReader(tmp_path / "tiny").read(truth=True)
     assert difference(*(replace(scene, source="", notes=(), mesh=None) for scene in (found, tiny))) is None
     for name in ("vertices", "faces", "normals", "uv"):
-        np.testing.assert_allclose(getattr(found.mesh, name), getattr(tiny.mesh, name), atol=1e-6)  # normals are made unit ones again
+        np.testing.assert_allclose(getattr(found.mesh, name), getattr(tiny.mesh, name), atol=1e-6)  # normals are normalised
 
 
 def test_a_mesh_is_optional(tiny_copy: Path) -> None:
