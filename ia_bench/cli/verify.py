@@ -15,6 +15,7 @@ from ia_bench.common.exit_codes import FAULT, OK, complain, say, status_of
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.paths import make_writable
+from ia_bench.common.progress import Progress
 from ia_bench.runs.packs import packs_among
 from ia_bench.runs.record import digest_of, json_bytes
 
@@ -33,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _verify(wanted: argparse.Namespace) -> int:
     limit_threads(wanted.threads)
-    from ia_bench.runs.verification import OF_A_VIEW, TOLERANCE, Verifier  # brings in the renderer
+    from ia_bench.runs.verification import OF_A_VIEW, OTHER, TOLERANCE, Verifier  # brings in the renderer
 
     packs = packs_among(wanted.packs)
     scenes = {}
@@ -44,13 +45,13 @@ def _verify(wanted: argparse.Namespace) -> int:
         scenes[name] = user_path("--scene", folder, folder=True)
     if wanted.out is not None:
         make_writable(wanted.out.parent, "--out")
-    verifier = Verifier(scenes, lambda line: say(line, sys.stderr))
-    result: dict[str, dict[str, str]] = {}
+    verifier, result = Verifier(scenes), dict[str, dict[str, str]]()
     runs, agreed = 0, True
     for path in packs:
         states = result[digest_of(path) or ""] = {}
         try:
-            verdicts = verifier.verify(path)
+            with Progress() as progress:
+                verdicts = verifier.verify(path, progress)
         except InputError as error:  # of this pack; the others go on
             complain(str(error))
             agreed = False
@@ -60,7 +61,7 @@ def _verify(wanted: argparse.Namespace) -> int:
             say("; ".join([f"{path}: {one.run.row}, {one.run.scene}, seed {one.run.seed}: {one.state}", *one.says]), sys.stdout)
         runs += sum(one.state == "verified" for one in verdicts)
         agreed &= all(one.state == "verified" for one in verdicts)
-    tolerated = ", ".join(f"{name} {value:g}" for name, value in TOLERANCE.items())
+    tolerated = ", ".join(f"{name} {value:g}" for name, value in {**TOLERANCE, "others": OTHER}.items())
     say(f"{runs} verified; tolerated: {tolerated}, of a single view {OF_A_VIEW:g} times as much", sys.stdout)
     if wanted.out is not None:
         with whole_file(wanted.out) as partial:

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from ia_bench.common.errors import Fault, InputError
+from ia_bench.common.progress import Progress
 from ia_bench.common.settings import flat
 from ia_bench.runs.identity import hash_of
 from ia_bench.runs.packs import PackedRun, check_reader, problems, unpack
@@ -49,27 +50,28 @@ class Verdict:
 class Verifier:
     """Verifies packs; successive runs of one scene share what was traced of it."""
 
-    def __init__(self, scenes: Mapping[str, Path], note: Callable[[str], None]) -> None:
-        """``scenes``: name of a scene -> its folder here, for those that are not shipped. ``note`` is told which run is scored."""
-        self._scenes, self._note = scenes, note
+    def __init__(self, scenes: Mapping[str, Path]) -> None:
+        """``scenes``: name of a scene -> its folder here, for those that are not shipped."""
+        self._scenes = scenes
         self._last: tuple[tuple[Protocol, str], Rescorer] | None = None
 
-    def verify(self, path: Path) -> list[Verdict]:
+    def verify(self, path: Path, progress: Progress) -> list[Verdict]:
         """A verdict on every run of the pack ``path``. Raises InputError for what is no pack, or a damaged one."""
         with tempfile.TemporaryDirectory() as place:
             manifest = unpack(path, Path(place))
-            return [self._verdict(run, Path(place)) for run in sorted(manifest.runs, key=lambda run: (run.scene, run.protocol))]
+            runs = sorted(manifest.runs, key=lambda run: (run.scene, run.protocol))
+            return [self._verdict(run, Path(place), progress) for run in runs]
 
-    def _verdict(self, run: PackedRun, place: Path) -> Verdict:
+    def _verdict(self, run: PackedRun, place: Path, progress: Progress) -> Verdict:
         said = problems(run, place)
         if run.status != "ok":
             return Verdict(run, "differs" if said else "not scored again", (*said, "the run failed"))
-        self._note(f"{run.row}, {run.scene}, seed {run.seed}: scoring again")
+        progress.note(f"{run.row}, {run.scene}, seed {run.seed}: scoring again")
         try:
             check_reader(place / run.folder)
             recovered = Recovered(place / run.folder)
             said += _inconsistent(recovered)
-            found = self._rescorer(recovered).score(recovered).as_dict()
+            found = self._rescorer(recovered).score(recovered, progress.task).as_dict()
         except (InputError, Fault) as error:
             return Verdict(run, "differs" if said else "not scored again", (*said, str(error).replace(f"{place}/", "")))
         apart = differences(asdict(recovered.record), found)
@@ -90,8 +92,8 @@ def differences(told: Mapping[str, Any], found: Mapping[str, Any]) -> tuple[str,
     apart: list[tuple[float, str]] = []
     for group in ("metrics", "variants", "per_image", "geometry"):
         mine, theirs = (dict(_numbers(flat(one.get(group, {})))) for one in (told, found))
-        for key in mine.keys() | theirs.keys():
-            before, after = mine.get(key), theirs.get(key)
+        for key, before in mine.items():  # what a record of a former version lacks is no claim
+            after = theirs.get(key)
             name = key.partition("[")[0].rpartition(".")[2]
             tolerance = TOLERANCE.get(name, OTHER) * (OF_A_VIEW if "[" in key else 1)
             far = 0.0 if before is after else math.inf
