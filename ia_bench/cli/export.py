@@ -16,6 +16,7 @@ from ia_bench.common.paths import make_writable
 from ia_bench.scenes.scene import Mesh
 
 NO_MESH = Mesh(*(np.zeros((0, count), kind) for count, kind in ((3, "f4"), (3, "i4"), (3, "f4"), (2, "f4"))))
+USAGE = "ia-bench export SCENE OUT (--format NAME | --for prior) [SETTING=VALUE ...]"
 EXAMPLES = """\
 SCENE is a name or a folder; SETTING=VALUE is any of a run's that decide what is photographed: reader=..., capture.views=8.
 
@@ -30,8 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     about = __doc__.partition(": ")[2]
     shape = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser("ia-bench export", None, about, EXAMPLES, formatter_class=shape, allow_abbrev=False)
-    parser.add_argument("given", nargs="+", metavar="SCENE OUT [SETTING=VALUE ...]", help="what is written, and where")
+    parser = argparse.ArgumentParser("ia-bench export", USAGE, about, EXAMPLES, formatter_class=shape, allow_abbrev=False)
+    parser.add_argument("given", nargs="+", metavar="SCENE OUT", help="what is written, and where")
     parser.add_argument("--format", help="the layout that is written, with mesh, truth and lights where it has a place for them")
     parser.add_argument("--for", dest="purpose", choices=["prior"], help="training photographs for a network, instead of a format")
     parser.add_argument("--size", type=int, help="of --for prior: side of the squares that photographs are resized into")
