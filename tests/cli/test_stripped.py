@@ -43,7 +43,7 @@ def without_anything(folder: Path) -> None:
     ("strip", "lacking"),
     [
         (without_albedo, {"albedo", "aligned_albedo", "relighting"}),
-        (without_anything, {"albedo", "aligned_albedo", "relighting", "roughness", "view_synthesis"}),
+        (without_anything, {"albedo", "aligned_albedo", "relighting", "roughness", "view_synthesis", "light", "log_light"}),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
@@ -62,4 +62,4 @@ def test_a_scene_without_a_part_still_runs(
             else:
                 assert math.isfinite(value)
     told = {line.partition(" will")[0] for line in capfd.readouterr().err.splitlines() if " will not be scored: " in line}
-    assert told == lacking - {"aligned_albedo"}
+    assert told == lacking - {"aligned_albedo", "light", "log_light"}
