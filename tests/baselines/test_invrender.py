@@ -19,7 +19,7 @@ from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.common.shaded import bake
 from ia_bench_baselines.common.spherical_gaussians import fit
 from ia_bench_baselines.invrender.method import InvRender, InvRenderOptions
-from ia_bench_baselines.invrender.model import NARROWEST, LobeVisibility
+from ia_bench_baselines.invrender.model import ACTIVE, NARROWEST, LobeVisibility, sparsity
 from ia_bench_baselines.invrender.reconstruction import reconstruction
 from ia_bench_baselines.invrender.transport import Transport
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_light
@@ -80,6 +80,12 @@ def test_a_bowl_lands_on_itself_where_it_sees_no_sky() -> None:
     cosine = (torch.nn.functional.normalize(there, dim=-1) * transport.directions).sum(-1)
     far = (transport.landed >= 0) & (there.norm(dim=-1) > 0.5)
     assert float(cosine[far].min()) > 0.95  # as far as a texel is wide
+
+
+def test_the_divergence_is_none_where_codes_are_as_sparse_as_asked() -> None:
+    assert float(sparsity(torch.full((5, 32), ACTIVE))) == pytest.approx(0, abs=1e-7)
+    expected = 0.05 * math.log(0.05 / 0.5) + 0.95 * math.log(0.95 / 0.5)
+    assert float(sparsity(torch.rand(100000, 2, generator=torch.Generator().manual_seed(0)))) == pytest.approx(expected, rel=0.01)
 
 
 def waves(position: Tensor, extent: float) -> Tensor:

@@ -9,13 +9,14 @@ from hashlib import sha256
 from typing import Any
 
 import pytest
+import torch
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.methods import check_method
 from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
 from ia_bench.methods.contract import Method, Monitor
-from ia_bench.priors.contract import Prior
+from ia_bench.priors.contract import Observations, Prior
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
 from ia_bench.scenes.scene import Scene
 from ia_bench_baselines import usi3d, yi
@@ -95,6 +96,15 @@ def test_a_method_keeps_the_contract(name: str, tiny: Scene, monkeypatch: pytest
 @pytest.mark.parametrize("name", PRIORS)
 def test_a_prior_keeps_the_contract(name: str) -> None:
     assert [finding for finding in check_prior(PRIORS[name], painted_ball(20, 24, 3)) if finding.status == "fail"] == []
+
+
+@pytest.mark.parametrize("image", [0.0, 1e6])
+@pytest.mark.parametrize("name", PRIORS)
+def test_black_and_bright_pictures_and_an_empty_mask_give_finite_samples(name: str, image: float) -> None:
+    images, masks = torch.full((2, 6, 5, 3), image), torch.ones(2, 6, 5)
+    masks[1] = 0
+    found = PRIORS[name]().sample(Observations(images * masks[..., None], masks), seed=0).values
+    assert all(bool(torch.isfinite(values).all()) and float(values[1].abs().max()) == 0 for values in found.values())
 
 
 @pytest.mark.parametrize("prior", [yi.prior, usi3d.prior], ids=["yi", "usi3d"])

@@ -34,3 +34,15 @@ def test_flat_paints_under_a_slow_light_come_out_flat_and_in_proportion():
     np.testing.assert_allclose(result, albedo, rtol=0.06)
     taken_as_it_is = albedo * shading[..., None]
     assert np.abs(taken_as_it_is * (albedo.mean() / taken_as_it_is.mean()) / albedo - 1).max() > 0.3
+
+
+def test_pixels_outside_the_mask_are_black_and_change_nothing():
+    albedo, shading = patches_under_slow_light()
+    mask = np.zeros((SIDE, SIDE))
+    mask[3:20, 4:22] = 1
+    prior = RetinexPrior()
+    inside = prior.sample(observed(albedo, shading, mask), seed=0).values["albedo"][0].numpy()
+    assert (inside[mask == 0] == 0).all()
+    strange = np.where(mask[..., None] > 0, albedo, 5.0)
+    again = prior.sample(observed(strange, shading, mask), seed=1).values["albedo"][0].numpy()
+    np.testing.assert_array_equal(inside, again)

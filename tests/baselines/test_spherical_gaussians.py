@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.light.latlong import row_solid_angles, texel_centres
+from ia_bench.material.brdf import specular_brdf_cosine
 from ia_bench_baselines.common.spherical_gaussians import fit
 from ia_bench_baselines.common.spherical_gaussians.lobes import (
     SphericalGaussianEnvironment,
@@ -16,6 +17,7 @@ from ia_bench_baselines.common.spherical_gaussians.lobes import (
     clamped_cosine_integral,
     fibonacci_axes,
     hemisphere_integral,
+    lobe_integral,
     product,
 )
 from ia_bench_baselines.common.spherical_gaussians.sampling import draw_directions
@@ -41,6 +43,12 @@ def random_lobes(count: int, seed: int, *shape: int) -> SphericalGaussians:
     axis = torch.nn.functional.normalize(torch.randn(*shape, count, 3, generator=generator), dim=-1)
     sharpness = torch.exp(torch.rand(*shape, count, generator=generator) * math.log(100)) * 2
     return SphericalGaussians(axis, sharpness, torch.rand(*shape, count, 3, generator=generator))
+
+
+@pytest.mark.parametrize("sharpness", [0.1, 3.0, 300.0])
+def test_energy_is_the_integral_over_the_sphere(sharpness: float) -> None:
+    expected = float(SOLID_ANGLE @ lobe(tilted(50), sharpness))
+    assert float(lobe_integral(torch.tensor(sharpness))) == pytest.approx(expected, rel=1e-3)
 
 
 PAIRS = [(4.0, 4.0, 180.0), (0.03, 900.0, 120.0), (50.0, 20.0, 15.0), (3e4, 2.0, 70.0)]
@@ -86,6 +94,17 @@ def test_gloss_in_closed_form_is_its_own_quadrature(roughness: float, degrees: f
     weight = lobe(axis, float(sharpness)) * float(amplitude) * DIRECTIONS[:, 2].clamp_min(0) * SOLID_ANGLE
     expected = (weight[:, None] * lit).sum(0)
     assert torch.allclose(glossy(lobes, UP, view, rough)[0].double(), expected, rtol=0.045)
+
+
+@pytest.mark.parametrize("gloss", [Gloss(), Gloss(0.02, 2.0)])
+@pytest.mark.parametrize(("roughness", "degrees"), [(0.2, 0.0), (0.35, 30.0), (0.6, 0.0), (0.6, 45.0)])
+def test_gloss_is_near_ggx_under_a_smooth_light(gloss: Gloss, roughness: float, degrees: float) -> None:
+    light = SphericalGaussians(UP, torch.tensor([3.0]), torch.ones(1, 3))
+    view, rough = tilted(degrees).double(), torch.tensor([[roughness]], dtype=torch.float64)
+    brdf = specular_brdf_cosine(UP.double(), view, DIRECTIONS, rough)[:, 0]
+    expected = float((brdf * lobe(UP, 3.0)) @ SOLID_ANGLE)
+    found = float(glossy(light, UP, tilted(degrees), torch.tensor([[roughness]]), gloss)[0, 0])
+    assert 0.9 < found / expected < 1.3
 
 
 def test_drawn_directions_add_up_to_integrals() -> None:

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 from scipy.special import sph_harm_y
 from torch import Tensor
@@ -15,7 +16,7 @@ from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.priors.contract import Observations
 from ia_bench_baselines.yi.networks import InverseRendering
 from ia_bench_baselines.yi.prior import YiPrior
-from ia_bench_baselines.yi.shading import chromaticity, irradiance, low_rank_loss
+from ia_bench_baselines.yi.shading import chromaticity, irradiance, low_rank_loss, rank_one_distance
 from ia_bench_baselines.yi.train import Settings, train
 from ia_bench_training.shards import ShardInfo, write_shard
 
@@ -42,6 +43,13 @@ def test_irradiance_is_the_integral_of_the_light_times_the_clamped_cosine():
         for normal, value in zip(normals.double().numpy(), found, strict=True):
             expected = (harmonics[:, k] * np.maximum(direction @ normal, 0) * area).sum()
             assert abs(float(value) - expected) < 1e-3, (k, normal)
+
+
+def test_the_distance_from_rank_one_is_numpys():
+    stack = np.random.default_rng(0).normal(size=(40, 8))
+    u, s, vh = np.linalg.svd(stack, full_matrices=False)
+    expected = np.linalg.norm(stack - s[0] * np.outer(u[:, 0], vh[0]))
+    assert float(rank_one_distance(torch.from_numpy(stack))) == pytest.approx(expected, rel=1e-12)
 
 
 def test_one_paint_under_several_grey_lights_has_no_low_rank_loss():

@@ -112,6 +112,21 @@ def test_ldr_captures_say_what_they_lost(tiny: Scene) -> None:
     assert take(tiny, radiometry="ldr", exposure="per_image").blind().exposures_differ is True
 
 
+def test_only_what_was_clipped_counts_as_saturated(tiny: Scene) -> None:
+    """A margin and masks that are put right make pixels unknown, too; so does a reader."""
+    clipped = {"radiometry": "ldr", "percentile": 90.0}
+    marked = {"margin": 2.0, "consistency": 1}
+    shares = [
+        record(take(tiny, **settings), CaptureSettings(**settings))["saturated_share"]  # type: ignore[arg-type]
+        for settings in (clipped, clipped | marked, marked)
+    ]
+    assert shares[0] == shares[1] > 0
+    assert shares[2] == 0.0
+    unknown = np.zeros(tiny.train[0].mask.shape, bool)
+    read = replace(tiny, train=tuple(replace(view, valid=unknown) for view in tiny.train))
+    assert record(take(read, **clipped), CaptureSettings())["saturated_share"] == 0.0
+
+
 def test_saturation_by_hand(tiny: Scene) -> None:
     """Half of five pixels at most are below the clip: of 1, 2, 4, 6, 8 three are at it or beyond."""
     scene = replace(tiny, train=(made_up([1, 2, 4, 6, 8]),))

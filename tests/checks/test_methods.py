@@ -15,12 +15,15 @@ import torch
 from ia_bench.checks import methods
 from ia_bench.checks.finding import Finding
 from ia_bench.checks.methods import check_method
+from ia_bench.cli import check
 from ia_bench.cli.check import main
+from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.info import MethodInfo
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.settings import RenderSettings
+from ia_bench.runs.config import RunConfig
 from ia_bench.scenes.scene import Scene
 
 
@@ -200,3 +203,17 @@ def test_the_command(tiny_folder: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert lines[-1] == f"{len(lines) - 2} passed, 0 failed, 0 skipped"
     assert main([*here, "--json"]) == 0
     assert "a fit" in [row["what"] for row in json.loads(capsys.readouterr().out)]
+
+
+def test_the_command_fits_on_the_cpu_where_there_is_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two fits on a GPU are never the same to the bit, which would be held against the method."""
+    devices = []
+
+    def stop(config: RunConfig, note: object) -> None:
+        devices.append(config.device)
+        raise InputError("far enough")
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(check, "captured_scene", stop)
+    assert main(["method=two_stage"]) == 2
+    assert devices == ["cpu"]

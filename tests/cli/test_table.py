@@ -13,13 +13,14 @@ import pytest
 from command_line import started
 
 from ia_bench.cli.table import main, parse
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.progress import Progress
 from ia_bench.runs import cells as module
 from ia_bench.runs import launchers
 from ia_bench.runs.cells import TableRequest, make_cells
 from ia_bench.runs.composition import compose
+from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.launchers import Local
 from ia_bench.runs.record import finished_record
 from ia_bench.runs.schedule import run_cells
@@ -140,6 +141,21 @@ def test_a_cell_whose_files_are_damaged_runs_again() -> None:
         assert run_cells(cells, Local(), 1, Path("results/paper/logs"), progress) == 0
     assert sorted(started()) == ["hat good 0", "hat torn 0", "hat torn 0"]
     assert curve.read_bytes() == whole
+
+
+def test_a_cell_that_cannot_write_why_it_failed_fails_alone(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def full(self: RunFolder, problem: str, labels: object) -> None:
+        raise Fault("metrics.json: No space left on device")
+
+    monkeypatch.setattr(RunFolder, "write_failure", full)
+    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=[Row("crash", ["prior=oracle"]), Row("good", ["prior=none"])]))
+    with Progress() as progress:
+        assert run_cells(cells, Local(attempts=1), 1, Path("results/paper/logs"), progress) == 1
+    said = capfd.readouterr().err
+    assert "hat / crash / seed 0: FAILED (metrics.json: No space left on device)" in said
+    assert "hat / good / seed 0: ok" in said
 
 
 @pytest.mark.slow

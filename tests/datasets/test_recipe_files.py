@@ -1,12 +1,14 @@
 """What the recipes write: rounded numbers, image files, scene folders, and the mesh."""
 
 import json
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from recipe_modules import NOVEL_LIGHTS, exr, mesh, recipe, scene_folder, share_lights, staging
+from recipe_modules import NOVEL_LIGHTS, ROOT, exr, mesh, recipe, scene_folder, share_lights, staging
 
 
 # -- rounding ----------------------------------------------------------------------------------------------------------
@@ -117,6 +119,28 @@ def test_an_unfinished_render_of_something_else_is_refused(tmp_path: Path) -> No
     with pytest.raises(ValueError, match=r"unfinished render with texture_size 512, size 128|unfinished render with size 128"):
         staging.begin(tmp_path / "hat", recipe.RECIPES["hat"].at_size(512))
     staging.begin(tmp_path / "ship", recipe.RECIPES["hat"].at_size(512))  # another place is free
+
+
+def make_scenes(*settings: str) -> list[list[str]]:
+    """What `make scenes` would run for each scene, as arguments of render_scene.py; nothing is run."""
+    printed = subprocess.run(
+        ["make", "-n", "scenes", *settings], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.replace("\\\n", "")
+    (loop,) = (line for line in printed.splitlines() if "render_scene.py" in line)
+    listed, _, command = loop.removeprefix("for scene in ").partition("; do")
+    arguments = command.split("render_scene.py")[1].split("||")[0]
+    return [arguments.replace("$scene", name).split() for name in listed.split()]
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+def test_make_scenes_leaves_the_shipped_scenes_alone() -> None:
+    four = ("hat", "ship", "console", "figurine")
+    assert make_scenes() == [[name, "--out", f"results/datasets/scenes/{name}"] for name in four]
+    assert make_scenes("SIZE=512") == [[name, "--size", "512", "--out", f"results/datasets-512/scenes/{name}"] for name in four]
+    assert make_scenes("SCENES=tiny") == [["tiny", "--out", "results/datasets/scenes/tiny"]]  # at its own size
+    four = ("book", "fruit", "bear", "drum")
+    assert make_scenes("SCENES=value") == [[name, "--out", f"results/datasets/scenes/{name}"] for name in four]
+    assert make_scenes("SCENES=hat", "DATASETS=elsewhere") == [["hat", "--out", "elsewhere/scenes/hat"]]
 
 
 # -- mesh --------------------------------------------------------------------------------------------------------------

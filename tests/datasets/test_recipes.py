@@ -3,7 +3,6 @@
 What needs Blender is checked by `datasets/recipes/check_conventions.py`.
 """
 
-
 import numpy as np
 import pytest
 from recipe_modules import NOVEL_LIGHTS, cameras, exr, latlong, light_parts, lights, passes, recipe
@@ -66,6 +65,14 @@ def test_stored_lights_are_normalised_and_structured(name: str, rendered_lights:
     assert len(np.unique(light)) > 300  # no plain constants
 
 
+def test_lights_do_not_depend_on_resolution() -> None:
+    coarse, fine = lights.make_light("harbour", 32), lights.make_light("harbour", 64)
+    pooled = fine.reshape(32, 2, 64, 2, 3).mean(axis=(1, 3))
+    mask = pooled.max(axis=-1) < 3  # away from the sun's rim
+    assert mask.mean() > 0.95
+    assert np.abs(coarse - pooled)[mask].mean() < 0.05 * pooled[mask].mean()
+
+
 # -- parts of a light --------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("name", "sources"),
@@ -92,6 +99,27 @@ def test_passes_of_parts_add_radiance_and_average_geometry_over_samples() -> Non
     np.testing.assert_allclose(whole.rgba[..., 3], 0.25 * a["rgba"][..., 3] + 0.75 * b["rgba"][..., 3], rtol=1e-6)
     for name in ("albedo", "normal", "roughness", "depth"):
         np.testing.assert_allclose(getattr(whole, name), 0.25 * a[name] + 0.75 * b[name], rtol=1e-6)
+
+
+def test_connected_regions_match_a_flood_fill() -> None:
+    rng = np.random.default_rng(5)
+    texels = rng.random((13, 27)) < 0.35
+    labels = light_parts.connected(texels)
+    assert ((labels > 0) == texels).all()
+    regions = set()
+    for start in zip(*np.nonzero(texels), strict=True):
+        region, queue = {start}, [start]
+        while queue:
+            row, column = queue.pop()
+            around = [(row + i, (column + j) % 27) for i in (-1, 0, 1) for j in (-1, 0, 1) if 0 <= row + i < 13]
+            new = [texel for texel in around if texels[texel] and texel not in region]
+            region.update(new)
+            queue += new
+        regions.add(frozenset(region))
+    assert labels.max() == len(regions)
+    for region in regions:
+        (label,) = {labels[texel] for texel in region}
+        assert (labels == label).sum() == len(region)
 
 
 # -- cameras -----------------------------------------------------------------------------------------------------------

@@ -12,7 +12,9 @@ from bowls import ball_views
 
 from ia_bench.capture.faults import misplaced, mistaken_masks
 from ia_bench.capture.settings import FaultSettings
-from ia_bench.geometry.consistency import MovingPhotographs, consistent, seen_at
+from ia_bench.geometry.consistency import MovingPhotographs, consistent, moved, nearest_to_rays, pixel_motions, seen_at
+from ia_bench.geometry.grid import DistanceGrid
+from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.refinement import surface_from_images
 from ia_bench.scenes.scene import Scene, View
 
@@ -51,6 +53,24 @@ def test_poses_come_back_where_outlines_tell_them(tiny: Scene) -> None:
     assert before > 0.8
     assert after < 0.7 * before
     assert wrong_by(consistent(tiny.train, 3, 1), tiny.train, points) < 0.25
+
+
+def test_one_motion_is_one_pixel_and_rays_find_the_shape() -> None:
+    camera = VIEWS[0].camera
+    points = np.concatenate([np.eye(3), -np.eye(3)]) * 0.7
+    units = pixel_motions(camera, 3.0, float(VIEWS[0].mask.sum()))
+    for one in np.eye(6):
+        apart = seen_at(moved(camera, units * one), points) - seen_at(camera, points)
+        assert 0.3 < np.sqrt((apart**2).sum(-1).mean()) < 1.6
+    grid = visual_hull(VIEWS, 48)
+    ball = DistanceGrid(grid.positions().norm(dim=-1) - 0.7, grid.low, grid.step)
+    rows, columns = np.array([24, 24, 24]), np.array([24, 38, 44])
+    found, beyond = nearest_to_rays(camera, rows, columns, ball)
+    np.testing.assert_allclose(seen_at(camera, found)[:, 0], columns + 0.5, atol=1e-6)
+    outline = 24 + 48 * 1.2 * 0.7 / np.sqrt(9 - 0.49)
+    assert beyond[1] == pytest.approx(38.5 - outline, abs=0.3)
+    assert beyond[2] == pytest.approx(44.5 - outline, abs=0.3)  # a ray that misses the grid's box
+    assert beyond[0] < -10
 
 
 # ---------------------------------------------------------------- photographs that move on their picture planes

@@ -166,6 +166,14 @@ def test_missing_normals_are_smoothed_across_uv_seams(tmp_path: Path) -> None:
     np.testing.assert_allclose(*seam, atol=1e-6)
 
 
+@pytest.mark.parametrize("bad", [0.0, np.nan])
+def test_useless_normals_are_computed_again(tmp_path: Path, ply: Ply, tiny: Scene, bad: float) -> None:
+    ply.normals[4] = bad
+    mesh, notes = load_mesh(ply.write(tmp_path / "mesh.ply"))
+    assert notes == ("mesh.ply: stored normals are zero or not finite in places; smooth normals computed instead",)
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
+
+
 def test_a_vertex_with_two_uv_is_split(tmp_path: Path) -> None:
     """OBJ names UV per corner: two triangles of one square on two islands share positions but no UV."""
     obj = """
@@ -229,5 +237,3 @@ def test_normals_turn_with_their_part(tmp_path: Path, linear: np.ndarray) -> Non
     for across in ([0.0, 1, 0], [-0.8, 0, 0.6]):  # at right angles to HARD
         np.testing.assert_allclose(moved @ (linear @ across), 0, atol=1e-5)
     assert (moved @ (linear @ HARD[0]) > 0).all()
-
-

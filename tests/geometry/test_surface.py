@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+import xatlas
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.grid import DistanceGrid, mesh_of, smoothed
@@ -92,6 +93,20 @@ def test_a_small_object_has_the_atlas_of_a_large_one(scale: float) -> None:
     small = unwrapped(ball(scale))
     assert covered(small) == pytest.approx(covered(unwrapped(ball(1.0))), abs=0.02)
     np.testing.assert_allclose(np.linalg.norm(small.vertices, axis=1), scale, rtol=1e-5)  # it stays where it is
+
+
+@pytest.mark.parametrize("scale", [0.25, 0.5, 3.0])
+def test_other_objects_are_given_to_xatlas_as_they_are(scale: float) -> None:
+    """From a longest side of .5 on, to the bit: textures of finished runs belong to these coordinates."""
+    solid = ball(scale)
+    atlas, options = xatlas.Atlas(), xatlas.PackOptions()
+    atlas.add_mesh(solid.vertices.astype(np.float32), solid.faces.astype(np.uint32), solid.vertex_normals.astype(np.float32))
+    options.padding, options.resolution, options.bilinear = 2, 1024, True
+    atlas.generate(pack_options=options)
+    _, faces, uv = atlas[0]
+    mesh = unwrapped(solid)
+    np.testing.assert_array_equal(mesh.faces, faces)
+    np.testing.assert_array_equal(mesh.uv, uv)
 
 
 def test_coordinates_that_are_not_finite_are_refused() -> None:

@@ -43,6 +43,28 @@ def test_every_point_of_a_texel_comes_back_to_it(height: int, width: int, by: st
             assert torch.equal(BY[by].direction_to_texel(direction, height, width), every)
 
 
+@pytest.mark.parametrize("by", BY)
+@pytest.mark.parametrize(
+    ("direction", "row", "column"),
+    [
+        ((0, 0, 1), 0, None),  # poles: any column
+        ((0, 0, -1), 7, None),
+        ((0, 0, 1.0000001), 0, None),  # a unit vector in float32 may be an ulp too long
+        ((1, 0, 0), 4, 8),  # phi = 0: the middle of the picture, on the border of columns 7 and 8
+        ((0, 1, 0), 4, 4),  # phi = 90 degrees: left of the middle
+        ((0, -1, 0), 4, 12),
+        ((-1, 1e-4, 0), 4, 0),  # the seam from both sides
+        ((-1, -1e-4, 0), 4, 15),
+        ((-1, 0.0, 0), 4, 0),
+        ((-1, -0.0, 0), 4, 15),
+    ],
+)
+def test_poles_and_seam(direction: tuple[float, float, float], row: int, column: int | None, by: str) -> None:
+    texel = int(BY[by].direction_to_texel(torch.tensor(direction, dtype=torch.float32), 8, 16))
+    assert texel // 16 == row
+    assert column is None or texel % 16 == column
+
+
 def written_convention(row: int, column: int, height: int, width: int) -> np.ndarray:
     """scene.json: theta = pi (r+0.5)/H from +z, phi = pi - 2 pi (c+0.5)/W from +x toward +y."""
     theta = math.pi * (row + 0.5) / height

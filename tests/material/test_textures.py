@@ -96,3 +96,24 @@ def test_filling_leaves_the_observed_and_stays_within_their_range(size: int) -> 
     torch.testing.assert_close(filled[observed], seen)
     assert float(filled.min()) >= float(seen.min()) - 1e-9
     assert float(filled.max()) <= float(seen.max()) + 1e-9
+
+
+def test_filling_takes_the_nearer_of_two_regions() -> None:
+    """Left border 0, right border 1: what lies between rises from one to the other, the same from both sides."""
+    texture, observed = torch.zeros(32, 32, 1), torch.zeros(32, 32, dtype=torch.bool)
+    texture[:, -1] = 1
+    observed[:, [0, -1]] = True
+    filled = fill_unobserved(texture, observed)[..., 0]
+    assert (filled[:, :16] < 0.5).all()
+    assert (torch.diff(filled, dim=1) > 0).all()
+    torch.testing.assert_close(filled, 1 - filled.flip(1), atol=1e-5, rtol=0)
+
+
+def test_filling_all_or_nothing() -> None:
+    texture = numbers(8, 8, 3)
+    observed = torch.ones(8, 8, dtype=torch.bool)
+    assert torch.equal(fill_unobserved(texture, observed), texture)
+    assert torch.equal(fill_unobserved(texture, ~observed), texture)
+    one = torch.zeros(8, 8, dtype=torch.bool)
+    one[3, 5] = True
+    torch.testing.assert_close(fill_unobserved(texture, one), texture[3, 5].expand(8, 8, 3))

@@ -151,6 +151,18 @@ def test_a_bad_step_is_taken_back_counted_and_named(spoilt: Spoil, said: str):
     assert bool(torch.isfinite(line.slope))
 
 
+def test_a_parameter_that_becomes_nan_is_taken_back():
+    tensor, memory = torch.ones(2, 3), Memory()
+
+    def step(number: int, generator: torch.Generator) -> float:
+        tensor[1, 2] = math.nan if number == 3 else number
+        return 0.5
+
+    Descent({"albedo": tensor}, [Phase("fit", 4, step=step)], seed=0, monitor=memory.monitor()).descend()
+    assert memory.notes[0] == "step 3 is skipped: albedo became NaN or Inf in 1 of 6 values, the first at [1, 2]"
+    assert tensor.tolist() == [[1, 1, 1], [1, 1, 2]]
+
+
 def test_too_many_in_a_row_end_the_fit_with_the_last_good_state():
     memory = Memory()
     with pytest.raises(FloatingPointError, match=f"^step 21: the loss is NaN or Inf; the fit stops after {PATIENCE} such steps"):
@@ -162,6 +174,12 @@ def test_too_many_in_a_row_end_the_fit_with_the_last_good_state():
     mended, descent = fitted(Memory(state=memory.state))
     assert descent.counters["skipped_steps"] == PATIENCE - 1
     assert bool(torch.isfinite(mended.slope))
+
+
+def test_a_short_fit_of_bad_steps_alone_has_no_result():
+    phase = Phase("fit", PATIENCE - 2, step=lambda number, generator: math.nan)
+    with pytest.raises(FloatingPointError, match=f"^all {PATIENCE - 2} steps were skipped because of NaN or Inf"):
+        Descent({"albedo": torch.ones(2)}, [phase], seed=0, monitor=Memory().monitor()).descend()
 
 
 def test_scores_come_at_doubling_steps_off_the_clock():

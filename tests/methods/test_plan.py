@@ -124,6 +124,17 @@ def test_texture_follows_the_footprint_of_a_pixel(uv_scale: float, pixels: int, 
     assert (found.value, found.left_out) == (size, f"textures above {size} texels" if size < TEXTURE_SIZES[-1] else None)
 
 
+def test_jumps_to_another_island_are_no_footprint() -> None:
+    """Two plates side by side on opposite corners of the atlas: their common border does not count."""
+    left, right = plate(FILLING / 2, uv_scale=0.1), plate(FILLING / 2, uv_scale=0.1)
+    shift = np.array([FILLING / 2, 0, 0], np.float32)
+    left = replace(left, vertices=left.vertices - shift)
+    right = replace(right, vertices=right.vertices + shift, uv=right.uv + 0.9)
+    one, both = (decided("texture", mesh, FROM_ABOVE) for mesh in (left, together(left, right)))
+    assert both.measured["pixel_footprint_uv"] == pytest.approx(one.measured["pixel_footprint_uv"], rel=1e-3)
+    assert both.value == one.value == 256
+
+
 def test_light() -> None:
     """On a plate, mirror directions turn by as much as view directions do, 40 degrees over 32 pixels: 150 rows would be seen.
 

@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from shapes import bowl, camera_at, sphere
+from shapes import bowl, camera_at, plate, sphere
 from small_fit import plan_of
 
+from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
+from ia_bench.methods.plan import LIGHT_HEIGHTS, TEXTURE_SIZES
 from ia_bench.render.gbuffer import pixels_in_reach
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.color import linear_to_srgb
@@ -101,3 +103,60 @@ def test_no_indirect_light_where_little_bounces(monkeypatch: pytest.MonkeyPatch,
     assert costs[0.008][0] < 0.1
     assert costs[0.5][1] > 0
     assert costs[0.5][0] > 3
+
+
+def test_one_point_a_pixel_where_nothing_varies_inside_it() -> None:
+    """A plate that fills the view: a quarter of the points and primary rays, 38 dB."""
+    mesh, cameras = plate(2.0, uv_scale=0.5), [camera_at((0.0, 0.0, 5.0), pixels=48)]
+    plan = plan_of(mesh, *cameras)
+    assert plan.subsamples == 1
+    less, more = (render(mesh, cameras, material(), soft_light(16), side=s) for s in (plan.subsamples, 2))
+    assert more.rays == 4 * less.rays
+    assert more.points == 4 * less.points
+    assert decibels(less, more) > 38
+
+
+def test_the_points_chosen_are_enough_and_fewer_are_not() -> None:
+    """A ball 35 pixels wide beside 8 x 8 points: at least 26 dB and at least 5 dB better than a point a pixel."""
+    mesh, cameras = sphere(3), [camera_at((5.0, 0.5, 0.5), pixels=64)]
+    plan = plan_of(mesh, *cameras)
+    assert plan.subsamples in (2, 3)
+    sides = (1, plan.subsamples, plan.subsamples + 1)
+    many = render(mesh, cameras, material(), soft_light(16), side=8, seed=1)
+    found = {s: render(mesh, cameras, material(), soft_light(16), side=s) for s in sides}
+    quality = {side: decibels(many, rendered) for side, rendered in found.items()}
+    chosen, next_larger = found[plan.subsamples], found[plan.subsamples + 1]
+    assert chosen.rays < 0.6 * next_larger.rays
+    assert quality[plan.subsamples] > quality[1] + 5
+    assert quality[plan.subsamples] > 26
+
+
+def test_a_texture_above_the_pixels_is_not_seen() -> None:
+    """A texture twice as fine, of noise that only it resolves, box-filtered to the plan's size: a quarter of the texels."""
+    mesh, cameras = plate(2.0), [camera_at((0.0, 0.0, 5.0), pixels=48)]
+    plan = plan_of(mesh, *cameras)
+    assert plan.texture < TEXTURE_SIZES[-1]
+    larger = 2 * plan.texture
+    rng = torch.Generator().manual_seed(0)
+    base = torch.nn.functional.interpolate(torch.rand(1, 3, 12, 12, generator=rng), larger, mode="bilinear")
+    noise = 0.04 * torch.randn(1, 3, larger, larger, generator=rng)
+    fine = (0.2 + 0.6 * base + noise).clamp(0, 1)
+    coarse = torch.nn.functional.avg_pool2d(fine, 2)
+    rough = torch.full((4, 4, 1), 0.5)
+    less, more = (
+        render(mesh, cameras, Material(t[0].permute(1, 2, 0).contiguous(), rough), soft_light(16), side=2) for t in (coarse, fine)
+    )
+    assert 4 * coarse.numel() == fine.numel()
+    assert decibels(less, more) > 35
+
+
+def test_a_light_above_the_mirror_footprint_is_not_seen() -> None:
+    """A smooth light at the plan's rows and at the next larger size, on a ball: a quarter of the texels."""
+    mesh, cameras = sphere(3), [camera_at((2.5, 1.5, 1.0), pixels=16)]
+    plan = plan_of(mesh, *cameras)
+    assert plan.light_height < LIGHT_HEIGHTS[-1]
+    larger = soft_light(2 * plan.light_height)
+    coarse = LatLongEnvironment(larger).latlong(plan.light_height)
+    less, more = (render(mesh, cameras, material(), light, side=2) for light in (coarse, larger))
+    assert 4 * coarse.numel() == larger.numel()
+    assert decibels(less, more) > 35

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from shapes import camera_at, plate, sphere, together
+from shapes import camera_at, disk, plate, sphere, together
 
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.views import cosine_directions, sees, view_geometry, views_needed
@@ -51,6 +51,31 @@ def test_normals_of_a_sphere() -> None:
     assert float(normals[0, 5, 12, 1]) > 0.3  # y up, row 0 is the top
 
 
+def test_partly_covered_pixels_are_premultiplied() -> None:
+    problem = problem_of(sphere(3), [camera_at((0.0, -4.0, 0.0), pixels=16)], side=2)
+    normals, visibility = view_geometry(problem, (0,))
+    coverage = problem.gbuffer.coverage()[0]
+    edge = (coverage > 0) & (coverage < 1)
+    assert int(edge.sum()) > 5
+    length = normals[0].norm(dim=-1)
+    assert bool((length <= coverage + 1e-5).all())
+    assert bool((length >= 0.9 * coverage).all())  # the mean of normals that hardly differ within a pixel
+    torch.testing.assert_close(visibility[0, ..., 0], coverage, rtol=0, atol=0.05)  # convex: open all around
+    assert bool((visibility[0][coverage == 0] == 0).all())
+
+
+def test_visibility_under_a_lid() -> None:
+    """A disk of radius r at height h above a floor hides r^2 / (r^2 + h^2) of the point below its centre."""
+    radius, height = 1.0, 0.8
+    lid = together(plate(4.0), disk(radius, height=height))
+    camera = camera_at((0.0, -3.0, 0.5), pixels=48, field_of_view=8)
+    visibility = view_geometry(problem_of(lid, [camera]), (0,))[1][0, ..., 0]
+    # The camera looks under the lid at the origin. 48 x 2 pixels around it, 32 stratified rays each: the standard error is
+    # below 0.01 even without stratification; 0.03 leaves room for the pixels' extent.
+    found = float(visibility[23:25].mean())
+    assert abs(found - (1 - radius**2 / (radius**2 + height**2))) < 0.03
+
+
 def test_visibility_between_two_facing_walls() -> None:
     """Halfway up between two long walls: the open share of the cosine-weighted hemisphere is a difference of sines."""
 
@@ -82,6 +107,16 @@ def test_directions_follow_the_cosine() -> None:
     torch.testing.assert_close(second, expected, rtol=0, atol=0.018)
 
 
+def test_views_are_chosen_and_repeatable() -> None:
+    cameras = [camera_at(place, pixels=16) for place in ((0.0, -4.0, 0.0), (3.0, 2.0, 1.5), (0.0, 0.0, 4.0))]
+    problem = problem_of(together(sphere(2), plate(2.0, height=-1.0)), cameras)
+    normals, visibility = view_geometry(problem, (0, 2))
+    again, seen_again = view_geometry(problem, (0, 2))
+    assert torch.equal(normals, again)
+    assert torch.equal(visibility, seen_again)
+    assert torch.equal(normals, view_geometry(problem, (0, 1, 2))[0][[0, 2]])
+
+
 def test_a_point_is_seen_from_in_front_and_not_through_a_roof() -> None:
     """A plate of half side 1, and a small one of half side 0.2 half a unit above its middle."""
     mesh = together(plate(1.0), plate(0.2, height=0.5))
@@ -97,6 +132,13 @@ def test_a_point_is_seen_from_in_front_and_not_through_a_roof() -> None:
         ]
     )
     assert torch.equal(sees(cameras, positions, up, rays, 1e-4), expected)
+
+
+def test_what_lies_outside_the_image_is_not_seen() -> None:
+    rays = make_rays(plate(5.0), torch.device("cpu"))
+    positions, up = torch.tensor([[0.0, 0, 0], [3.0, 0, 0], [0, 3.0, 0]]), torch.tensor([[0.0, 0.0, 1.0]]).expand(3, 3)
+    narrow, wide = camera_at((0, 0, 5), field_of_view=30.0), camera_at((0, 0, 5), field_of_view=80.0)
+    assert sees([narrow, wide], positions, up, rays, 1e-4).tolist() == [[True, True], [False, True], [False, True]]
 
 
 @pytest.mark.parametrize(("per_point", "share", "expected"), [(1, 1.0, 3), (1, 0.6, 1), (2, 1.0, 4), (9, 1.0, 5)])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_fit import SETTINGS, Record, altered, fit, losses_of
+from small_fit import SETTINGS, Record, altered, fit, losses_of, make_problem
 from torch import Tensor
 
 from ia_bench.capture.capture import captured
@@ -18,6 +18,7 @@ from ia_bench.methods import photographs
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.couplings.sampler import pixel_samples
 from ia_bench.methods.photographs import one_sided
+from ia_bench.methods.regularisers.context import effective_view_count
 from ia_bench.methods.regularisers.fusion import Fusion
 from ia_bench.methods.regularisers.refiner import fitted_views
 from ia_bench.methods.two_stage.losses import dual_buffer_loss
@@ -51,6 +52,22 @@ def test_the_crossed_loss_is_one_sided_in_both_halves() -> None:
         assert usual.min() > 0
         assert given.tolist() == [usual[0], 0, usual[2]]
         one_sidedly, as_ever = (dual_buffer_loss(first, second, CLIP, 0.1, known) for known in (KNOWN, None))
+
+
+def test_a_loss_of_unknown_pixels_pulls_nothing(tiny: Scene) -> None:
+    """Black and unknown everywhere: no render is too bright. Known and black: every texture and the light are pulled down."""
+    found = {}
+    for known in (True, False):
+        valid = np.full((32, 32), known)
+        black = replace(tiny, train=tuple(replace(v, image=0 * v.image, valid=valid) for v in tiny.train))
+        problem = make_problem(black.blind())
+        settings = replace(SETTINGS, weights=replace(SETTINGS.weights, smooth_albedo=0, smooth_roughness=0, smooth_light=0))
+        parameters, generator = Parameters(problem, settings), torch.Generator().manual_seed(0)
+        losses, _ = losses_of(problem, settings)(torch.arange(200), parameters, 50, 100, generator)
+        sum(losses.values()).backward()
+        found[known] = float(parameters.tensors["log_light"].grad.abs().sum()), float(parameters.tensors["albedo"].grad.abs().sum())
+    assert min(found[True]) > 0
+    assert found[False] == (0, 0)
 
 
 def cut_off(problem: Problem) -> Problem:
@@ -89,6 +106,16 @@ def test_a_prior_that_is_right_corrects_nothing_and_targets_nothing_there(proble
     assert black.any()
     assert not targets.weight[black].any()
     assert float(targets.weight.mean()) == pytest.approx(1, rel=1e-5)
+
+
+def test_texels_that_are_seen_in_such_pixels_alone_are_not_seen(problem: Problem) -> None:
+    few = altered(problem, scene=replace(problem.scene, train=problem.scene.train[:2]))
+    vars(few).pop("gbuffer")
+    cut = cut_off(few)
+    whole_sees, cut_sees = (Parameters(one, SETTINGS).observed for one in (few, cut))
+    assert not (cut_sees & ~whole_sees).any()
+    assert 0.05 < float((whole_sees & ~cut_sees).float().sum() / whole_sees.float().sum()) < 0.7
+    assert float(effective_view_count(cut, 64).sum()) < 0.95 * float(effective_view_count(few, 64).sum())
 
 
 def test_what_a_prior_is_shown_of_a_fit_is_exposed_as_the_photographs_are(problem: Problem, scene: Scene) -> None:

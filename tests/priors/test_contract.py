@@ -47,6 +47,26 @@ def test_an_info_that_cannot_be_meant_is_refused(fields: dict, message: str) -> 
         PriorInfo(**{"provides": frozenset({"albedo"}), **fields})
 
 
+def test_copies_share_no_memory_and_a_selection_keeps_the_order() -> None:
+    stack = painted_ball(5, 7, 3)
+    shown = replace(stack.shown(frozenset({"normals", "visibility", "truth"})), views=(4, 6, 9))
+    copied = shown.copy()
+    for name in ("images", "masks", "normals", "visibility"):
+        getattr(copied, name).fill_(7)
+    assert copied.truth is not None
+    assert shown.truth is not None
+    copied.truth["albedo"].fill_(7)
+    assert torch.equal(shown.images, stack.images)
+    assert torch.equal(shown.truth["albedo"], stack.truth("albedo"))
+    part = shown.select([2, 0])
+    assert part.views == (9, 4)
+    assert torch.equal(part.images, stack.images[[2, 0]])
+    assert part.truth is not None
+    assert part.normals is not None
+    assert torch.equal(part.truth["specular"], stack.truth("specular")[[2, 0]])
+    assert torch.equal(part.normals, shown.normals[[2, 0]])  # type: ignore[index]
+
+
 BALL = painted_ball(7, 9, 3)
 GRADIENT = torch.ones(1, requires_grad=True)
 

@@ -8,7 +8,7 @@ from priors.tiny_network import tiny_weights
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import Stack, painted_ball
-from ia_bench.priors.contract import COMPONENTS, Distiller, Samples
+from ia_bench.priors.contract import COMPONENTS, Distiller, Observations, Samples
 from ia_bench.priors.corrected import CorrectedPrior
 from ia_bench.priors.diffusion.prior import DiffusionPrior
 
@@ -67,3 +67,15 @@ def test_conforms(weights: str, stack: Stack) -> None:
     findings = list(check_prior(lambda: CorrectedPrior(share=0.9, of_options={"weights": weights, "geometry": True}), stack))
     assert [finding for finding in findings if finding.status == "fail"] == []
     assert len(findings) > 20
+
+
+def test_the_prior_behind_sees_no_truth(weights: str, stack: Stack, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Observations] = []
+
+    def sample(self: object, observations: Observations, **rest: object) -> Samples:
+        shown.append(observations)
+        return Samples({name: torch.zeros_like(observations.images) for name in COMPONENTS})
+
+    monkeypatch.setattr(DiffusionPrior, "sample", sample)
+    corrected(weights, 0.5).sample(stack.shown(WANTED), seed=0)
+    assert [observations.truth for observations in shown] == [None]

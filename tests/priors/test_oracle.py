@@ -125,6 +125,19 @@ def test_baked_shading_multiplies_the_albedo_alone() -> None:
         np.testing.assert_allclose(sample, view.albedo * factor[..., None], rtol=1e-4, atol=1e-6)
 
 
+def test_inconsistency_is_smooth_and_differs_between_views() -> None:
+    views = views_of(6, height=48, width=64)
+    sample = draw(OraclePrior(inconsistency=0.1, patch=4.0), views)["albedo"].numpy()
+    full = views[0].mask == 1
+    field = (sample - truth_of(views, "albedo")) / unit_of(views, "albedo")
+    assert abs(field[:, full].std() / 0.1 - 1) < 0.35  # few patches per view, hence the wide band
+    near, far = (np.corrcoef(field[:, 24, 20:36].ravel(), field[:, 24 + d, 20:36].ravel())[0, 1] for d in (1, 12))
+    assert near > 0.9
+    assert abs(far) < 0.5
+    between = np.corrcoef(field[0][full].ravel(), field[1][full].ravel())[0, 1]
+    assert abs(between) < 0.5
+
+
 @pytest.mark.parametrize("strength", [0.5, 100.0, 1e6])
 def test_guidance_is_the_gaussian_posterior_mean(strength: float) -> None:
     views = views_of(2)
@@ -140,6 +153,15 @@ def test_guidance_is_the_gaussian_posterior_mean(strength: float) -> None:
         x, r = free[name].double().numpy(), render[name].double().numpy()
         expected = (x / variance + strength * r) / (1 / variance + strength)
         np.testing.assert_allclose(guided[name].numpy()[inside], expected[inside], rtol=2e-5, atol=2e-6)
+
+
+def test_strength_zero_and_no_variance_return_the_sample_to_the_bit() -> None:
+    views = views_of(2)
+    render = {name: torch.ones(2, HEIGHT, WIDTH, 3) for name in ("albedo", "specular")}
+    noisy = {"noise": 0.3, "scale": 0.2}
+    for options, same in (({**noisy, "guidance_strength": 0.0}, noisy), ({"guidance_strength": 1e9}, {})):
+        guided, free = draw(OraclePrior(**options), views, 7, **render), draw(OraclePrior(**same), views, 7)
+        assert all(torch.equal(guided[name], free[name]) for name in free)
 
 
 def test_draws_depend_on_seed_and_view_and_on_nothing_else() -> None:
@@ -158,6 +180,16 @@ def test_draws_depend_on_seed_and_view_and_on_nothing_else() -> None:
     noise = [(sample[name].numpy() - truth_of(same, name))[:, 5:7, 6:10].ravel() for name in ("albedo", "specular")]
     assert not np.allclose(sample["albedo"][0], sample["albedo"][1])
     assert abs(np.corrcoef(*noise)[0, 1]) < 0.5  # ... and so do the components
+
+
+def test_dark_image_and_empty_mask_stay_finite() -> None:
+    view = views_of(1)[0]
+    nothing = np.zeros_like(view.image)
+    dark = View("dark", CAMERA, nothing, view.mask, albedo=view.albedo, specular=nothing)
+    empty = View("empty", CAMERA, nothing, nothing[..., 0], albedo=nothing, specular=nothing)
+    dials = {"scale": 0.2, "shift": 0.2, "noise": 0.2, "blur": 1.0, "baked": 0.5, "inconsistency": 0.2}
+    samples = draw(OraclePrior(**dials), (dark, empty))
+    assert all(bool(torch.isfinite(sample).all()) and bool((sample[1] == 0).all()) for sample in samples.values())
 
 
 def test_wrong_inputs() -> None:

@@ -82,6 +82,14 @@ def test_levels_are_no_part_of_what_it_sees() -> None:
     torch.testing.assert_close(roughness[inside], torch.full_like(roughness[inside], 0.45))
 
 
+def test_no_change_gives_back_the_material() -> None:
+    parts = renders()
+    found = seen(STACK.images, parts).corrected(torch.zeros(3, 4, *STACK.masks.shape[1:]))
+    whole = STACK.masks == 1
+    for name, maps in zip(("albedo", "roughness"), found, strict=True):
+        torch.testing.assert_close(maps[whole], parts[name][whole], rtol=1e-4, atol=1e-5)
+
+
 def test_views_without_anything_stay_as_they_are(folders: dict[str, str]) -> None:
     prior = RefinerPrior(**folders, precision="float32")
     parts = renders()

@@ -232,3 +232,24 @@ def test_estimator_agrees_with_brute_force(tiny_stage: Stage, tiny_material: Mat
         total = difference[:, part].mean(-1).sum() / np.sqrt((error[:, part].mean(-1) ** 2).sum())
         assert abs(total) < norm.isf(FALSE_ALARM / 4)
         assert np.sqrt((error[:, part].mean(-1) ** 2).sum()) / wanted[:, :, part].mean((1, 2)).sum() < 0.02
+
+
+# ---------------------------------------------------------------- convergence
+
+
+def test_error_falls_as_the_root_of_the_samples(tiny_stage: Stage, tiny_material: Material, tiny_sun: torch.Tensor) -> None:
+    """Slope of log error over log samples from 8 to 512 independent samples: -1/2 (-0.490 +- 0.005 over ten seeds).
+
+    The error is that against the mean of as many other estimates, so that an estimator that is biased by what it sees few of
+    would flatten out.
+    """
+    pixels = torch.randperm(len(tiny_stage.gbuffer.pixel), generator=torch.Generator().manual_seed(0))[:100]
+    light, generator = SampledLight.of(tiny_sun), torch.Generator().manual_seed(2)
+    renderer, gbuffer = tiny_stage.renderer(), tiny_stage.gbuffer
+    drawn = renderer.render_pixels(gbuffer, pixels.repeat(2048), tiny_material, light, 8, generator)
+    estimates = (drawn.diffuse + drawn.specular).reshape(2048, len(pixels), 3).double().numpy()
+    truth, counts = estimates[1024:].mean(0), np.array([1, 4, 16, 64])
+    means = [estimates[:1024].reshape(-1, n, *truth.shape).mean(1) for n in counts]
+    errors = [np.sqrt((((mean - truth) / (truth + truth.mean())) ** 2).mean()) for mean in means]
+    slope = np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    assert abs(slope + 0.5) < 0.04, f"slope {slope:.3f} of {errors}"

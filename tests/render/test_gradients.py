@@ -141,3 +141,17 @@ def test_detached_sampling_has_an_unbiased_gradient_of_roughness() -> None:
     assert abs(float(value.mean()) - integral(roughness)) < 4 * float(value.std()) / math.sqrt(count)
 
 
+def test_directions_and_densities_carry_no_gradient(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor) -> None:
+    """The diffuse part depends on roughness through the directions only, so its gradient of roughness is none."""
+    roughness = tiny_material.roughness.clone().requires_grad_()
+    material = Material(tiny_material.albedo, roughness)
+    light = SampledLight.of(soft_light.clone().requires_grad_())
+    assert not any(torch.is_tensor(table) and table.requires_grad for table in light.sampler)
+    part = tiny_stage.renderer().render_pixels(
+        tiny_stage.gbuffer, torch.arange(50), material, light, 8, torch.Generator().manual_seed(18)
+    )
+    (none,) = torch.autograd.grad(part.diffuse.sum(), roughness, retain_graph=True)
+    assert float(none.abs().max()) == 0
+    (gradient,) = torch.autograd.grad(part.specular.sum(), roughness)
+    assert float(gradient.abs().sum()) > 0
+    assert torch.isfinite(gradient).all()

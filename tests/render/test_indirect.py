@@ -165,6 +165,25 @@ def test_texels_inside_the_object_do_not_darken_their_neighbours(tmp_path: Path)
     assert not (found[:, 2] < -0.2).any()
 
 
+def test_the_backs_of_a_sheet_get_no_indirect_light(tmp_path: Path) -> None:
+    stage = Stage.of(plate(1.0), [camera_at((0.5, 0.5, -3.0))])
+    points = stage.points(torch.arange(len(stage.gbuffer.pixel)))
+    assert not points.front.any()
+    bounced = bake_interreflection(stage.mesh, stage.surface, stage.rays, 1, tmp_path)
+    light = bounced.solve(torch.ones(2, 2, 3), WHITE)
+    assert float(light.leaving.min()) > 0
+    assert float(arriving(bounced, light.leaving, points).abs().max()) == 0
+
+
+def test_the_operators_are_kept_and_reused(bowl_stage: Stage, tmp_path: Path) -> None:
+    first = render(bowl_stage, flat(0.5), 2, tmp_path, samples=8, atlas_size=32).radiance
+    traced = bowl_stage.rays.rays
+    again = render(bowl_stage, flat(0.5), 2, tmp_path, samples=8, atlas_size=32).radiance
+    assert torch.equal(first, again)
+    assert bowl_stage.rays.rays - traced < 20_000  # the bake alone takes a hundred thousand
+    assert len(list(tmp_path.glob("interreflection-*.safetensors"))) == 1
+
+
 def test_a_layered_coat_conserves_energy() -> None:
     """A white ball in a white furnace disappears: what the coat reflects and what it passes on make 1 (1 % of noise)."""
     stage = Stage.of(sphere(3), [camera_at((2.0, 1.0, 1.5))])

@@ -118,3 +118,19 @@ def test_only_what_is_asked_for_is_traced(kind: str, count: int, share: float, m
     assert rays.rays == int(asked.sum())
 
 
+@pytest.mark.parametrize("kind", TRACERS)
+@pytest.mark.parametrize(("points", "each"), [(0, 4), (1, 1), (7, 1), (50, 3), (33, 16), (9, 130)])
+def test_several_directions_from_every_origin(kind: str, points: int, each: int) -> None:
+    """Against the same rays one from each origin, with a mask and without, and with directions that are no memory of their own."""
+    rays = tracer(kind, MESHES["sphere"])
+    generator = torch.Generator().manual_seed(points * each)
+    origins = 1.5 * torch.randn(points, 3, generator=generator)
+    directions = torch.nn.functional.normalize(torch.randn(points, each, 3, generator=generator), dim=-1)
+    repeated = origins[:, None].expand(-1, each, -1).reshape(-1, 3)
+    flat = rays.occluded(repeated, directions.reshape(-1, 3)).reshape(points, each)
+    assert torch.equal(rays.occluded(origins, directions), flat)
+    asked = torch.rand(points, each, generator=generator) < 0.4
+    assert torch.equal(rays.occluded(origins, directions, asked), flat & asked)
+    back = torch.cat([directions, directions], 1)[:, each:]
+    assert torch.equal(rays.occluded(origins, back, torch.cat([asked, asked], 1)[:, :each]), flat & asked)
+    assert points == 0 or each < 16 or (flat.any() and not flat.all())

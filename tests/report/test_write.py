@@ -250,6 +250,13 @@ def test_a_row_whose_runs_differ_in_a_setting_is_named(write_run: Write) -> None
     ]
 
 
+def test_the_shipped_figures_equal_the_source() -> None:
+    source = ROOT.parent / "shared" / "paper" / "table1.csv"
+    if not source.is_file():
+        pytest.skip("needs ../shared/paper/table1.csv")
+    assert (ROOT / "ia_bench" / "report" / "paper_table1.csv").read_text() == source.read_text()
+
+
 def test_a_killed_run_counts_as_a_failure_of_its_row(write_run: Write, tmp_path: Path) -> None:
     cells = {write_run("ours", "hat"): ("ours", "hat", 0), tmp_path / "killed": ("ours", "ship", 0)}
     overall = write_report(cells, tmp_path / "out").findings.overall

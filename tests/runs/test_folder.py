@@ -134,6 +134,21 @@ def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
     assert not list(tmp_path.glob(".*.exr"))
 
 
+def test_files_of_others_are_left_alone(folder: RunFolder, tmp_path: Path) -> None:
+    """A run that goes on below the folder is writing its own; a folder that is refused is not touched at all."""
+    mine, below = tmp_path / ".tmp-mine", folder.path / "nested" / ".tmp-checkpoint.pt"
+    below.parent.mkdir()
+    for path in (mine, below):
+        path.write_bytes(b"half")
+    folder.__exit__(None, None, None)
+    RunFolder(folder.path, CONFIG, HASH).__exit__(None, None, None)
+    (tmp_path / METRICS_FILE).write_text("{}")
+    with pytest.raises(InputError, match="not a run's folder"):
+        RunFolder(tmp_path, CONFIG, HASH)
+    assert mine.exists()
+    assert below.exists()
+
+
 def test_a_folder_with_nothing_but_a_failed_run_is_used_again(folder: RunFolder) -> None:
     """After the scene was mended, which makes it another configuration."""
     folder.save_checkpoint({"step": 3})

@@ -136,6 +136,16 @@ def test_exr_round_trip(tmp_path: Path, channels: int, half: bool) -> None:
     assert [path.name for path in (tmp_path / "deep").iterdir()] == ["a.exr"]  # no partial file is left
 
 
+def test_half_overflow_is_refused_and_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "sun.exr"
+    write_exr(path, np.full((2, 2), 65504.0))
+    with pytest.raises(ValueError, match=r"sun\.exr.*-70000.*half|sun\.exr.*70000.*half"):
+        write_exr(path, np.full((2, 2), -70000.0))
+    assert read_exr(path, 1).max() == 65504
+    write_exr(path, np.full((2, 2), 70000.0), half=False)
+    assert read_exr(path, 1).max() == 70000
+
+
 def test_a_folder_or_garbage_is_no_image(tmp_path: Path) -> None:
     (tmp_path / "folder.exr").mkdir()
     (tmp_path / "garbage.exr").write_bytes(b"v/1\x01 and then nothing")

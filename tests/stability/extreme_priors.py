@@ -100,6 +100,10 @@ def _scale(prediction: Tensor, target: Tensor, mode: str, expected: float) -> Me
 
 def _guidance() -> Iterator[Case]:
     group = "guidance"
+    for strength in (1e-3, 1.0, 1e3):
+        what, reference = "mean of 3 456 samples, in posterior standard deviations", "closed form"
+        extreme = f"strength {strength:g}, rule variance, 300 steps"
+        yield Case(group, extreme, what, reference, 0.1, lambda s=strength: _posterior(s))
     yield Case(group, "strength 0", "sample", "the unguided one, to the bit", 0.0, lambda: _strength_zero())
     for rule, norm in (("variance", "squared"), ("paper", "squared"), ("paper", "l2")):
         for steps in (1, 1000):
@@ -134,6 +138,13 @@ def _draw(guidance: Guidance | None, steps: int, *, clip: bool, variance: float 
 def _pull(strength: float, rule: Rule = "variance", norm: Norm = "squared", target: Tensor | None = None) -> Guidance:
     wanted = torch.full(SHAPE, TARGET) if target is None else target
     return Guidance((Pull(wanted, strength),), rule, norm, VARIANCE)
+
+
+def _posterior(strength: float) -> Measured:
+    found = _draw(_pull(strength), 300, clip=False)
+    variance = 1 / (1 / VARIANCE + strength)
+    mean = variance * (MEAN / VARIANCE + strength * TARGET)
+    return Measured(abs(float(found.double().mean()) - mean) / math.sqrt(variance), finite=all_finite(found))
 
 
 def _strength_zero() -> Measured:

@@ -76,6 +76,8 @@ def cases() -> Iterator[Case]:
     yield Case(GROUP, "every triangle twice in the same place", "mean radiance", plain, 2e-3, lambda: _mean_like_plain(copies=2))
     yield Case(GROUP, "an image of one pixel", "radiance", "finite", 1e6, lambda: _finite(Setup(pixels=1)))
     yield Case(GROUP, "a camera that sees nothing", "radiance", "0", 0.0, _nothing_seen)
+    what, reference = "mean of 64 renders", "128 samples (2 % noise)"
+    yield Case(GROUP, "one sample a pixel (two: light and BRDF)", what, reference, 0.02, _few_samples)
 
 
 def _ball(setup: Setup) -> Mesh:
@@ -244,3 +246,6 @@ def _nothing_seen() -> Measured:
     return Measured(float(images["radiance"].abs().max()), finite=all_finite(images["radiance"]))
 
 
+def _few_samples() -> Measured:
+    few = torch.stack([_render(Setup(samples=1, seed=seed)).radiance.mean(0) for seed in range(64)]).mean(0)
+    return Measured(deviation(few, _render(Setup(samples=128, seed=1000)).radiance.mean(0)), finite=all_finite(few))

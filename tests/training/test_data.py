@@ -111,6 +111,11 @@ def test_an_image_is_the_same_whatever_is_rendered_beside_it(images):
     assert not torch.equal(other["albedo"], alone["albedo"][:1])
 
 
+def test_the_same_call_gives_the_same_bits(images):
+    again, _ = render_images(11, 0, 8, SIDE, DIRECT)
+    assert all(torch.equal(again[name], images[name][:8]) for name in CHANNELS)
+
+
 def test_targets_are_consistent(images):
     values = {name: image.float() for name, image in images.items()}
     coverage = values["image"][..., 3:]

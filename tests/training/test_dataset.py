@@ -56,6 +56,13 @@ def test_permuted_channels_stay_together():
         assert torch.equal(changed["specular"][n], images["specular"][n][..., orders[0]])
 
 
+def test_a_mirrored_image_has_mirrored_normals():
+    images = shard()
+    changed = augment(images, Augmentation(mirror=1, permute=0, cast=0), torch.Generator())
+    torch.testing.assert_close(changed["image"], images["image"].flip(2))
+    torch.testing.assert_close(changed["normal"], images["normal"].flip(2) * torch.tensor([-1.0, 1, 1]))
+
+
 def test_geometry_is_withheld_as_often_as_asked(folder):
     images, config = TrainingImages(folder), NetworkConfig(size=16, channels=(16, 32))
     assert len(images) == 12

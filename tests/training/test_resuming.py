@@ -10,6 +10,7 @@ import torch
 from torch import nn
 
 from ia_bench.common.errors import InputError
+from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
 from ia_bench_training.optimiser import MuonAdamW, split_weights
 from ia_bench_training.resuming import (
     STATE,
@@ -82,6 +83,16 @@ def give_gradients(network: nn.Module, seed: int) -> None:
         weight.grad = torch.randn(weight.shape, generator=generator)
 
 
+def test_every_trained_weight_is_stepped_by_one_of_the_two() -> None:
+    network = MaterialNetwork(NetworkConfig(size=16, fold=2, channels=(16, 32), tokens=16))
+    hidden, others = split_weights(network, muon=True)
+    assert sorted(map(id, hidden + others)) == sorted(id(weight) for weight in network.parameters())
+    assert sum(weight.numel() for weight in hidden) > 5 * sum(weight.numel() for weight in others)
+    names = {id(weight): name for name, weight in network.named_parameters()}
+    assert not any("bias" in names[id(weight)] or "norm" in names[id(weight)] for weight in hidden)
+    assert split_weights(network, muon=False)[0] == []
+
+
 def test_muon_moves_all_directions_of_a_hidden_weight_alike() -> None:
     """Its polynomial leaves singular values near the rate times sqrt(rows / columns), if that is above 1 (Jordan et al. 2024)."""
     torch.manual_seed(0)
@@ -102,3 +113,16 @@ def test_muon_moves_all_directions_of_a_hidden_weight_alike() -> None:
     for name in ("conv_in.weight", "few.weight", "hidden.bias"):  # the first step of Adam is the rate, whatever the gradient
         change = (before[name] - dict(network.named_parameters())[name].detach()).abs()
         torch.testing.assert_close(change, torch.full_like(change, 0.5e-3), rtol=1e-3, atol=1e-7)
+
+
+def test_without_muon_it_is_adamw() -> None:
+    networks = [Layers(), Layers()]
+    networks[1].load_state_dict(networks[0].state_dict())
+    mine, plain = optimiser(networks[0], 1e-3, 0), torch.optim.AdamW(networks[1].parameters(), lr=1e-3, weight_decay=0)
+    for step in range(3):
+        for network in networks:
+            give_gradients(network, step)
+        mine.step(1.0)
+        plain.step()
+    for one, other in zip(networks[0].parameters(), networks[1].parameters(), strict=True):
+        assert torch.equal(one, other)

@@ -12,7 +12,7 @@ import torch
 
 from ia_bench.light.latlong import direction_to_texel, row_solid_angles, texel_to_direction
 from ia_bench.material.brdf import normalize, specular_brdf_cosine
-from ia_bench_training.lights import HEIGHT, MAX_DISCS, WIDTH, Light, draw_light
+from ia_bench_training.lights import HEIGHT, LIGHTS, MAX_DISCS, WIDTH, Light, draw_light
 from ia_bench_training.objects import Assembly, _finish
 from ia_bench_training.primitives import vessel
 from ia_bench_training.render import ObjectRenderer, draw_view
@@ -100,6 +100,18 @@ def test_light_samples_follow_power():
     observed = np.append(observed[~near_disc], observed[near_disc].sum())
     expected = np.append(expected[~near_disc], len(direction) - expected[~near_disc].sum())
     assert_frequencies(observed, expected)
+
+
+@pytest.mark.parametrize("family", [family for family, _ in LIGHTS], ids=lambda f: f.__name__)
+def test_every_family_of_lights_is_finite_and_bright(family, monkeypatch):
+    monkeypatch.setattr("ia_bench_training.lights.LIGHTS", ((family, 1.0),))
+    for seed in range(8):
+        light = draw_light(np.random.default_rng(seed))
+        assert torch.isfinite(light.radiance).all()
+        assert (light.radiance > 0).all()
+        assert torch.isfinite(light.emission).all()
+        power = (light.radiance * row_solid_angles(HEIGHT, WIDTH).float()[:, None, None]).sum() / (12 * math.pi)
+        assert 0.001 < power < 10
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from ia_bench_training.noise import PERIOD, fractal, noise
+from ia_bench_training.palettes import MAX_ALBEDO, MIN_ALBEDO, palette
 from ia_bench_training.patterns import PATTERNS
 from ia_bench_training.smooth import smooth_shading
 from ia_bench_training.textures import draw_materials
@@ -34,6 +35,18 @@ def test_patterns_stay_in_range_and_are_pure(family):
         torch.testing.assert_close(pattern(POINTS[100:200], AXIS[100:200]), value[100:200], atol=1e-4, rtol=0)
         varied += bool(value.std() > 0.03)
     assert varied >= 5
+
+
+def test_materials_stay_in_their_declared_ranges():
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        colours = palette(rng, 5)
+        assert colours.min() >= MIN_ALBEDO
+        assert colours.max() <= MAX_ALBEDO
+        for material in draw_materials(rng, 3):
+            albedo, roughness = material(POINTS[:200], AXIS[:200])
+            assert MIN_ALBEDO - 1e-6 <= float(albedo.min()) <= float(albedo.max()) <= MAX_ALBEDO + 1e-6
+            assert 0.05 - 1e-6 <= float(roughness.min()) <= float(roughness.max()) <= 1
 
 
 def test_an_overlaid_material_shows_both():

@@ -113,3 +113,17 @@ def test_edge_pixels_and_masked_ones_are_no_partners(problem: Problem, seen: Ten
     unmasked = tuple(replace(view, mask=np.zeros_like(view.mask)) for view in problem.scene.train)
     blind = altered(problem, scene=replace(problem.scene, train=unmasked))
     assert loss(kernel(blind, seen), torch.arange(len(seen)), texture) == 0
+
+
+def test_gradient_reaches_both_pixels(problem: Problem, seen: Tensor, texture: Tensor) -> None:
+    one = kernel(problem, torch.full_like(seen, 0.4))
+    pixels = torch.arange(0, len(seen), 7)
+    atlas = texture.clone().requires_grad_(True)
+    loss_of(one, pixels, atlas).backward()
+    assert bool(torch.isfinite(atlas.grad).all())
+    for entries in (pixels, one._partners(pixels, torch.Generator().manual_seed(0))[0]):
+        point = problem.gbuffer.face[entries, :1].clamp_min(0).long()
+        uv = problem.renderer.surface.uv(point, problem.gbuffer.barycentric[entries, :1])
+        assert float((fetch(atlas.grad.abs(), uv[:, 0]).sum(-1) > 0).float().mean()) > 0.3
+    scale = (atlas.grad * (texture + LOG_FLOOR)).sum() / (atlas.grad * (texture + LOG_FLOOR)).abs().sum()
+    assert abs(float(scale)) < 0.02, "it says nothing of the albedo's scale"

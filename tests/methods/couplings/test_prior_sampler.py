@@ -18,7 +18,7 @@ from ia_bench.methods.views import evenly_spread, restrict, view_geometry
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.priors.validation import beyond_a_material
-from ia_bench.render.renderer import texture_images
+from ia_bench.render.renderer import NoShadows, Renderer, texture_images
 from ia_bench.runs.scene import ToldPrior
 from ia_bench.scenes.scene import Scene
 
@@ -194,6 +194,28 @@ def test_samples_of_anything_else_are_drawn(problem: Problem, change: str) -> No
     assert (asking.counters["network_calls"], asking.counters["prior_cached"]) == (3, 0)
 
 
+def test_geometry_decides_too(problem: Problem) -> None:
+    asking = [sampler(problem, Reader("reader")) for _ in range(2)]
+    convex = Renderer(problem.renderer.surface, NoShadows())
+    asking.append(sampler(altered(problem, renderer=convex), Reader("reader")))
+    for one in asking:
+        one.draw(None)
+    assert [one.counters["prior_cached"] for one in asking] == [0, 1, 0]
+
+
+def test_another_number_of_threads_is_another_draw(problem: Problem) -> None:
+    """The last bits of a sample depend on it, and the same configuration must give the same numbers."""
+    threads = torch.get_num_threads()
+    sampler(problem, kept()).draw(None)
+    try:
+        torch.set_num_threads(threads + 1)
+        other = sampler(problem, kept())
+        other.draw(None)
+    finally:
+        torch.set_num_threads(threads)
+    assert other.counters["prior_cached"] == 0
+
+
 ALL = tuple(range(16))
 
 
@@ -205,6 +227,14 @@ def oracle_sample(scene: Scene, **dials: float) -> Mapping[str, Tensor]:
     prior = ToldPrior(OraclePrior(**dials), lambda: scene.train)  # type: ignore[arg-type]
     images, masks = (torch.from_numpy(np.stack([getattr(v, name) for v in scene.train])) for name in ("image", "mask"))
     return prior.sample(Observations(images, masks, ALL), seed=0).values
+
+
+def test_targets_are_the_sample(problem: Problem, scene: Scene) -> None:
+    sample = oracle_sample(scene, noise=0.1)
+    targets = targets_of(problem, sample)
+    for name in ("albedo", "specular"):
+        assert torch.equal(targets.values[name], problem.pixels_of(sample[name]))
+    assert bool((targets.weight == 1).all())
 
 
 def test_few_views_keep_the_loss_at_its_weight(problem: Problem, scene: Scene) -> None:

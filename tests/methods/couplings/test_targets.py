@@ -82,6 +82,22 @@ def test_loss_is_the_weighted_mean_difference_in_the_priors_encoding(problem: Pr
     assert losses(targets, pixels[chosen], chosen)["albedo"] == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.parametrize("kind", [Targets, Kernel, Distilled])
+def test_one_weight_a_component(problem: Problem, texture: Tensor, kind: type) -> None:
+    """A loss is in proportion to it; one without is not there, and not asked for."""
+    pixels = seen(problem, texture)
+    samples, every = even(albedo=pixels.flip(0), specular=pixels.flip(0)), torch.arange(len(pixels))
+
+    def found(**weights: float) -> dict[str, float]:
+        return losses(prepared(kind(**weights), problem, samples, texture), pixels, every, texture)
+
+    one, other = found(albedo=1.0, specular=1.0), found(albedo=0.5, specular=0.1)
+    assert min(one.values()) > 0
+    assert other == pytest.approx({"albedo": 0.5 * one["albedo"], "specular": 0.1 * one["specular"]}, rel=1e-5)
+    assert set(found(albedo=0.0, specular=1.0)) == {"specular"}
+    assert kind(albedo=0.0, specular=1.0).uses(BOTH) == {"specular"}
+
+
 def test_distilled_loss_is_half_the_square_and_needs_no_alignment(problem: Problem, texture: Tensor) -> None:
     pixels = seen(problem, texture)
     distilled = prepared(Distilled(), problem, even(albedo=0.5 * pixels, specular=0.25 * pixels), texture)
@@ -120,10 +136,11 @@ def test_views_that_were_not_asked_have_no_say(problem: Problem, texture: Tensor
     assert losses(prepared(Targets(), problem, samples, texture), pixels, torch.arange(len(pixels)))["albedo"] < 1e-4
 
 
-def test_a_target_at_its_ceiling_asks_only_for_at_least_as_much(problem: Problem) -> None:
+@pytest.mark.parametrize("kind", [Targets, Kernel])
+def test_a_target_at_its_ceiling_asks_only_for_at_least_as_much(problem: Problem, kind: type) -> None:
     every = torch.arange(len(problem.gbuffer.pixel))
     radiance, clipped = torch.full((len(every), 3), 0.5), every % 2 == 0
-    targets = prepared(Targets(), problem, replace(even(specular=radiance), at_least={"specular": clipped[:, None]}))
+    targets = prepared(kind(specular=1.0), problem, replace(even(specular=radiance), at_least={"specular": clipped[:, None]}))
 
     def loss(factor: float, chosen: Tensor) -> float:
         return losses(targets, factor * radiance[chosen], every[chosen])["specular"]
@@ -170,3 +187,29 @@ def test_alignment_equals_the_reference(mode: str) -> None:
     for one in range(VIEWS):
         here = (view == one).numpy()
         assert aligned[here].mean() == pytest.approx(target[here].double().mean().item(), rel=1e-5)
+
+
+@pytest.mark.parametrize("mode", ["scale_shift", "scale", "none"])
+@pytest.mark.parametrize(("prediction", "target"), [(0.3, 0.6), (0.0, 0.6), (0.3, 0.0), (0.0, 0.0)])
+def test_constant_images_are_safe(mode: str, prediction: float, target: float) -> None:
+    view = torch.tensor([0, 0, 0, 2, 2])  # views 1 and 3 have no pixels
+    p, t = torch.full((5, 3), prediction), torch.full((5, 3), target)
+    alignment = align_views(p, t, view, VIEWS, mode)
+    assert bool(torch.isfinite(alignment.scale).all() & torch.isfinite(alignment.shift).all())
+    assert alignment.scale[[1, 3]].tolist() == [1, 1]
+    assert alignment.shift[[1, 3]].tolist() == [0, 0]
+    if mode == "scale_shift":
+        assert alignment.scale.tolist() == [1, 1, 1, 1]
+        torch.testing.assert_close(alignment(p, view, torch.ones(5, 1)), t)
+
+
+def test_alignment_carries_no_gradient_and_moves_covered_pixels_alone() -> None:
+    prediction, target, view = pixels()
+    prediction.requires_grad_(True)
+    alignment = align_views(prediction, target, view, VIEWS, "scale_shift")
+    assert not alignment.scale.requires_grad
+    assert not alignment.shift.requires_grad
+    aligned = alignment(prediction, view, torch.zeros(len(view), 1))
+    torch.testing.assert_close(aligned, prediction * alignment.scale[view][:, None])
+    aligned.sum().backward()
+    torch.testing.assert_close(prediction.grad, alignment.scale[view][:, None].expand(-1, 3).contiguous())

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import io
 import types
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
-from small_fit import SETTINGS, Record, fit, make_problem, oracle, same
+from small_fit import SETTINGS, Record, altered, fit, make_problem, oracle, same
 
 from ia_bench.common.errors import Fault
 from ia_bench.common.progress import Progress
@@ -18,8 +19,10 @@ from ia_bench.methods.info import MethodInfo
 from ia_bench.methods.plan import make_plan
 from ia_bench.methods.truth_seers import Ceiling
 from ia_bench.priors.contract import NoPrior
+from ia_bench.render import renderer as renderer_module
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
+from ia_bench.runs import interruption
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import identity, labels
@@ -81,3 +84,53 @@ def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
     assert {view.albedo is None and view.specular is None for view in problem.scene.train} == {True}
     assert not {"stage", "plan", "gbuffer", "renderer", "prior"} & vars(problem).keys() - {"stage"}  # nothing is made unasked
     assert isinstance(problem.prior, NoPrior)
+
+
+@pytest.mark.parametrize(
+    ("image_loss", "samples", "taken"), [("dual_buffer", 24, 32), ("dual_buffer", 8, 16), ("l1", 24, 24), ("l1", 1, 8)]
+)
+def test_samples_are_those_that_the_renderer_takes(
+    problem: Problem, image_loss: str, samples: int, taken: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of pixels with 2 x 2 points; a step draws as many as the record says."""
+    drawn, original = [], renderer_module.draw_samples
+
+    def spy(*arguments: object, points: int, count: int, **parts: int) -> object:
+        drawn.append(2 * points * count)
+        return original(*arguments, points=points, count=count, **parts)
+
+    monkeypatch.setattr(renderer_module, "draw_samples", spy)
+    settings = replace(SETTINGS, stage1_steps=1, stage2_steps=0, image_loss=image_loss, albedo_start=0.0)
+    found = fit(altered(problem, plan=replace(problem.plan, samples=samples)), NoPrior(), settings, record := Record())
+    assert found.counters["samples_per_pixel"] == taken == drawn[-1] * (2 if image_loss == "dual_buffer" else 1)
+    assert (f"render.samples={samples}: steps take {taken} a pixel" in " ".join(record.notes)) == (samples != taken)
+
+
+def test_a_resumed_run_costs_what_both_parts_did(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Killed after some steps: rays and points of the whole are counted once, and the seconds before count too."""
+    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", "prior=oracle"])
+    slept = 1000.0  # seconds more than the first process says that it took
+
+    class Killed(BaseException):
+        pass
+
+    class Dying(RunFolder):
+        def save_checkpoint(self, state: dict[str, Any]) -> None:
+            costs = {**state["costs"], "total": state["costs"]["total"] + slept}
+            super().save_checkpoint({**state, "costs": costs})
+            raise Killed
+
+    def costs(folder: RunFolder) -> tuple[int, float, float]:
+        with folder:
+            found = run(config, folder, Progress(io.StringIO()), labels(config, identity(config)))
+        return found.rays, found.counters["points"], found.time_s["total"]
+
+    rays, points, _ = costs(RunFolder(tmp_path / "whole", {}, "0"))
+    dying, stops = Dying(tmp_path / "killed", {}, "0"), iter([False] * 6)
+    monkeypatch.setattr(interruption, "asked", lambda: next(stops, True))
+    with pytest.raises(Killed):
+        costs(dying)
+    monkeypatch.undo()
+    resumed = costs(RunFolder(tmp_path / "killed", {}, "0"))
+    assert resumed[:2] == (rays, points)
+    assert resumed[2] > slept

@@ -21,7 +21,7 @@ from torch import Tensor
 
 import ia_bench.cli.run as command
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
 from ia_bench.priors.contract import NoPrior
 from ia_bench.render.renderer import PixelRadiance, Renderer
 from ia_bench.runs.folder import unpack
@@ -81,6 +81,15 @@ def test_a_bad_pixel_costs_one_step_and_is_named(problem: Problem, record: Recor
         assert torch.equal(kept, after["parts"]["parameters"][name])
     moments = [state["parts"]["texels"]["state"] for state in (before, after)]
     torch.testing.assert_close(*moments, rtol=0, atol=0)
+
+
+def test_a_light_that_overflows_is_taken_back(problem: Problem, record: Record) -> None:
+    """exp(1000) is Inf in float32; the rate takes the log radiance there in one step, over and over."""
+    settings = replace(SETTINGS, rates=LearningRates(light=1e3, final=1.0))
+    with pytest.raises(FloatingPointError, match=r"^step 9: the light's radiance became NaN or Inf in \d+ of 1536 values"):
+        fit(problem, NoPrior(), settings, record)
+    state = record.monitor(record.states[9]).load()
+    assert bool(torch.isfinite(torch.exp(state["parts"]["parameters"]["log_light"])).all())
 
 
 def test_the_command_says_it_in_one_line_and_records_it(

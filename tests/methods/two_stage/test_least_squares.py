@@ -91,6 +91,15 @@ def test_renders_are_exposed_as_the_photographs_are(known: tuple[Problem, Materi
     assert after < 0.4 * before
 
 
+@pytest.mark.parametrize("brightness", [0.0, 1e-6, 1e6])
+def test_black_and_bright_lights_leave_it_finite(known: tuple[Problem, Material, SampledLight, Tensor], brightness: float) -> None:
+    problem, material, light, photographs = known
+    lit = SampledLight.of(brightness * light.radiance)
+    found = solved_albedo(taking(problem, brightness * photographs), None, material, lit, torch.Generator())
+    assert bool(((found >= 0) & (found <= 1)).all())
+    torch.testing.assert_close(error(problem, found, material.albedo), 0.0, atol=0.05, rtol=0)
+
+
 def test_conjugate_gradients_solve_each_channel() -> None:
     """Beside numpy, in float64."""
     random = np.random.default_rng(0)

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
+from means import assert_same_mean
+from small_fit import TEXELS_ALONE, Record, altered, fit
+from torch import Tensor
 
 from benchmarks.reference import fetch
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.losses import PixelPairs, dual_buffer_loss, neighbouring_pixels, smoothness, total_variation
+from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.priors.contract import NoPrior
+from ia_bench.render.gbuffer import GBuffer
+from ia_bench.render.renderer import PixelRadiance, Renderer
 from ia_bench.scenes.color import tone_map
 
 
@@ -81,6 +92,19 @@ def test_neighbours_are_neighbours_in_space_whatever_the_atlas_says(problem: Pro
     assert across.sum() > 20
 
 
+def test_similar_neighbours_are_smoothed_and_edges_are_not(problem: Problem) -> None:
+    flat = torch.full((len(problem.gbuffer.pixel), 3), 0.4)
+    found = neighbouring_pixels(problem, flat, scale=0.1)
+    real = found.index != torch.arange(len(flat))[:, None]
+    assert found.similarity[real].eq(1).all()
+    left = problem.gbuffer.pixel % problem.gbuffer.shape[2] < 16
+    painted = torch.where(left[:, None], 0.4, 4.0).expand(-1, 3)
+    across = left != left[neighbouring_pixels(problem, painted, 0.1).index[:, 0]]
+    assert across.sum() > 20
+    assert float(neighbouring_pixels(problem, painted, 0.1).similarity[across, 0].max()) < 1e-6
+    assert neighbouring_pixels(problem, torch.zeros_like(flat), 0.1).similarity.isfinite().all()
+
+
 # ---- two estimates that judge each other -----------------------------------------------------------------------------
 
 
@@ -112,6 +136,13 @@ def test_noise_pulls_the_l1_but_not_the_crossed_loss() -> None:
     assert plain.mean().item() > 40 * plain.std().item() / count**0.5
 
 
+def test_crossed_loss_stays_finite_at_black_and_blinding_pixels() -> None:
+    estimate = torch.tensor([[0.0, 1e6, 0.0]], requires_grad=True)
+    loss = dual_buffer_loss(estimate, estimate.detach(), torch.tensor([[0.0, 0.0, 1e6]]), 0.1)
+    (gradient,) = torch.autograd.grad(loss, estimate)
+    assert bool(torch.isfinite(loss) & torch.isfinite(gradient).all())
+
+
 @pytest.mark.parametrize("height", [16, 64])
 def test_total_variation_is_the_mean_slope_over_the_sphere(height: int) -> None:
     """A log radiance a cos(polar angle) has the mean slope a pi / 4; a roof over the azimuth a, up and down, a pi / 2."""
@@ -122,6 +153,24 @@ def test_total_variation_is_the_mean_slope_over_the_sphere(height: int) -> None:
     roof = 2 * (azimuth - torch.pi).abs()
     assert total_variation(roof).item() == pytest.approx(2 * torch.pi / 2, rel=2 / height)
     assert total_variation(roof.roll(5, 1)).item() == pytest.approx(total_variation(roof).item(), rel=1e-5)
+
+
+class NoisyRenderer(Renderer):
+    """Shows every pixel the mean of the light, times a log-normal factor of mean 1, independent in every entry."""
+
+    def render_pixels(
+        self,
+        gbuffer: GBuffer,
+        pixels: Tensor,
+        material: Material,
+        light: SampledLight,
+        samples: int,
+        generator: torch.Generator,
+        **_: object,
+    ) -> PixelRadiance:
+        noise = torch.exp(NOISE * torch.randn(len(pixels), 1, generator=generator) - NOISE**2 / 2)
+        value = light.radiance.mean((0, 1)) * noise
+        return PixelRadiance(value, torch.zeros_like(value), torch.full_like(value, 0.5))
 
 
 NOISE, STEPS, PIXELS = 0.5, 400, 512
@@ -135,3 +184,47 @@ def exact_tone_map(radiance: np.ndarray) -> np.ndarray:
 def slope(radiance: np.ndarray) -> np.ndarray:
     step = 1e-5 * (1 + radiance)
     return (exact_tone_map(radiance + step) - exact_tone_map(np.maximum(radiance - step, 0))) / (step + np.minimum(step, radiance))
+
+
+@pytest.mark.verify
+def test_gradient_of_a_step_is_that_of_independent_halves(
+    problem: Problem, record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The optimiser is held still, so that every step asks at the same light m.
+
+    By Gauss-Hermite quadrature in float64: the mean of one half's weight times the mean of the other's slope. The mean of
+    their product, which samples in common would give, is many standard errors away.
+    """
+    gradients: list[Tensor] = []
+    lights: list[Tensor] = []
+
+    def held(optimizer: torch.optim.Optimizer) -> None:
+        parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
+        (log_light,) = (p for p in parameters if p.shape[1] == 2 * p.shape[0])
+        gradients.append(log_light.grad.sum((0, 1)))
+        lights.append(log_light.detach().exp().mean((0, 1)))
+
+    monkeypatch.setattr(torch.optim.Adam, "step", held)
+    settings = FitSettings(stage1_steps=STEPS, stage2_steps=0, pixels=PIXELS, guided=False)
+    # The optimisers of other steps have no light of their own to look at.
+    settings = replace(settings, rates=replace(settings.rates, scale_ambiguity=0.0), multigrid_rates=TEXELS_ALONE)
+    noisy = NoisyRenderer(problem.renderer.surface, problem.renderer.visibility)
+    fit(altered(problem, renderer=noisy), NoPrior(), settings, record)
+    assert len(gradients) == STEPS
+    light = lights[0]
+    assert all(torch.equal(light, other) for other in lights)
+
+    images = problem.pixels_of(torch.stack([torch.from_numpy(view.image) for view in problem.scene.train])).double().numpy()
+    node, share = np.polynomial.hermite_e.hermegauss(60)
+    share = share / share.sum()
+    estimate = light.double().numpy() * np.exp(NOISE * node - NOISE**2 / 2)[:, None]  # (K, 3)
+    change = slope(estimate) * estimate  # of the tone-mapped estimate with the log radiance of all texels
+    weight = np.clip(slope(images) * (estimate[:, None] - images) / settings.residual_cut, -1, 1).mean(1)  # (K, 3)
+    scale = settings.weights.image / 3  # the loss is a mean over channels too
+    expected = scale * (share @ weight) * (share @ change)
+    bias = scale * (share @ (weight * change)) - expected
+    found = torch.stack(gradients)
+    error = (found.std(0) / STEPS**0.5).numpy()
+    assert (np.abs(bias) > 10 * error).all()
+    # Around a gradient that is almost none, the bias is the scale: it is added to both sides.
+    assert_same_mean(found.numpy() + bias, (expected + bias)[None], resolution=0.1)

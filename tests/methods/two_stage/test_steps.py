@@ -113,6 +113,19 @@ def test_gradient_is_that_of_the_factor() -> None:
     )
 
 
+def test_diffuse_images_stay_as_they_are() -> None:
+    albedo, log_light, images = tensors()
+    albedo.requires_grad_(), log_light.requires_grad_()
+    loss_of(albedo, log_light, 0.5 * images).backward()
+    before = (albedo * torch.exp(log_light).mean((0, 1))).detach().clone()
+    start = log_light.detach().clone()
+    ScaleAmbiguityStep(albedo, log_light, OBSERVED)(0.05)
+    moved = (log_light.detach() - start).reshape(-1, 3)
+    torch.testing.assert_close(moved, moved[:1].expand_as(moved), rtol=0, atol=1e-6)
+    torch.testing.assert_close(moved[0].abs(), torch.full((3,), 0.05), rtol=1e-4, atol=0)  # Adam's first step is its rate
+    torch.testing.assert_close((albedo * torch.exp(log_light).mean((0, 1))).detach(), before)
+
+
 def test_it_finds_the_cast_that_rates_of_their_own_do_not() -> None:
     """Start: the truth under a cast of (1.5, 1, 0.7), whose diffuse part is already right."""
     left = {}

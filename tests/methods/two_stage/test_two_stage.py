@@ -52,6 +52,14 @@ def test_result_is_valid(long_fits: dict[str, Found]) -> None:
         assert min(one.seconds.values()) >= 0
 
 
+def test_light_is_found_with_the_exact_oracle(scene: Scene, long_fits: dict[str, Found]) -> None:
+    """Correlation with the true light in log radiance: what reflects from the object has to be where it was."""
+    light = LatLongEnvironment(torch.from_numpy(scene.truth.lights["train"])).latlong(16)
+    truth = np.log(light.numpy().mean(-1) + 1e-3).ravel()
+    found = np.log(long_fits["oracle"].light.numpy().mean(-1) + 1e-3).ravel()
+    assert np.corrcoef(truth, found)[0, 1] > 0.5
+
+
 def test_l1_recovers_too(problem: Problem, scene: Scene, record: Record) -> None:
     settings = replace(SETTINGS, image_loss="l1", stage1_steps=60, stage2_steps=20, pixels=512)
     found = fit(problem, oracle(scene), settings, record)

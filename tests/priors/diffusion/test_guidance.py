@@ -234,3 +234,30 @@ def test_steps_are_cut_where_the_distance_is_least_and_counted(norm: str):
     step = found[0] - x0[0]
     distances = [float((blur(x0[0] + length * step) - goal[0]).norm()) for length in (0, 0.99, 1, 1.01)]
     assert distances[2] < min(distances[0], distances[1], distances[3])
+
+
+COSINE = NoiseSchedule(torch.cos(torch.linspace(0.01, math.pi / 2, 1000, dtype=torch.float64)).square().clamp(min=1e-30))
+ZERO_TERMINAL = NoiseSchedule(torch.cat([COSINE.alpha_bar[:-1], torch.zeros(1, dtype=torch.float64)]))
+
+
+@pytest.mark.parametrize("schedule", [COSINE, ZERO_TERMINAL])
+@pytest.mark.parametrize(("rule", "norm"), [("paper", "l2"), ("paper", "squared"), ("variance", "squared")])
+def test_every_strength_and_step_count_is_finite_and_in_range(schedule: NoiseSchedule, rule: str, norm: str):
+    def rough(noisy: Tensor, t: int) -> Tensor:
+        return 2 * torch.sin(5 * coupled(noisy, t))
+
+    target, weight = random(2, 3, *SIZE, seed=6).float().clamp(-1, 1), random(2, 1, *SIZE).float().clamp(min=0)
+    for steps, strengths in ((1, (1.0, 1000.0)), (10, (1.0, 1000.0)), (50, (1000.0,))):
+        for strength in strengths:
+            for blur, used in ((0.0, None), (2.0, weight)):
+                guided = toward(target, strength, used, blur, rule=rule, norm=norm).guiding(rough, schedule)
+                for eta in (0.0, 1.0):
+                    found = sample(guided, schedule, (2, 3, *SIZE), [0, 1], SamplerSettings(steps, eta))
+                    assert bool(found.isfinite().all())
+                    assert float(found.abs().max()) <= 1
+
+
+COSINE = NoiseSchedule(torch.cos(torch.linspace(0.01, math.pi / 2, 1000, dtype=torch.float64)).square().clamp(min=1e-30))
+
+
+ZERO_TERMINAL = NoiseSchedule(torch.cat([COSINE.alpha_bar[:-1], torch.zeros(1, dtype=torch.float64)]))

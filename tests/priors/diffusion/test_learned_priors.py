@@ -1,18 +1,26 @@
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from priors.tiny_network import tiny_config, tiny_weights
+from scipy.ndimage import gaussian_filter
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
 from ia_bench.common.registry import built_in, create
+from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import Observations
-from ia_bench.priors.diffusion.framing import MARGIN
+from ia_bench.priors.diffusion import prior as diffusion_prior
+from ia_bench.priors.diffusion import sampler
+from ia_bench.priors.diffusion.framing import MARGIN, Frame
 from ia_bench.priors.diffusion.learned import RegressorPrior
-from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.network import MaterialNetwork, save_network
+from ia_bench.priors.diffusion.patches import patch_origins
 from ia_bench.priors.diffusion.prior import DiffusionPrior
+from ia_bench.priors.diffusion.sampler import seeded_noise
+from ia_bench.priors.inputs import content_number
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +108,17 @@ def test_specular_follows_the_scale_of_the_image_and_albedo_does_not(weights, ba
     torch.testing.assert_close(brighter["specular"], 100 * once["specular"], atol=0.05, rtol=1e-3)
 
 
+def test_strong_guidance_arrives_at_the_render(weights, ball):
+    images, masks = ball.images, ball.masks
+    render = {"albedo": 0.35 * masks[..., None].expand_as(images), "specular": 0.1 * images}
+    prior = DiffusionPrior(weights=weights, steps=5, guidance_strength=1000)
+    drawn = prior.sample(ball, seed=0, guidance=render)
+    inside = masks == 1
+    assert (drawn.values["albedo"] - render["albedo"])[inside].abs().mean() < 0.02
+    count = 5 * len(images)
+    assert drawn.cost == {"network_calls": count, "guided_estimates": count, "guided_cut": 0}
+
+
 def test_distillation_noises_renders_as_the_schedule_says_at_native_size(weights, ball, monkeypatch):
     """Mean and variance of the noise within 5 standard errors (false alarm 1e-6), levels over the whole of their range."""
     asked = []
@@ -154,6 +173,30 @@ def test_geometry_reaches_the_network_only_if_asked(weights, ball):
     assert not torch.allclose(*samples[True], atol=1e-3)
 
 
+def test_networks_of_one_component_each_draw_noise_of_their_own(tmp_path, weights, ball, monkeypatch):
+    for name in ("albedo", "specular"):
+        tiny_weights(tmp_path / name, components=(name,))
+    used = []
+
+    def noise_of(seeds, shape):
+        used.append(list(seeds))
+        return seeded_noise(seeds, shape)
+
+    for module in (diffusion_prior, sampler):
+        monkeypatch.setattr(module, "seeded_noise", noise_of)
+    apart, jointly = DiffusionPrior(weights=str(tmp_path), steps=2), DiffusionPrior(weights=weights, steps=2)
+    renders = {"albedo": ball.images, "specular": ball.images}
+    for draw in (lambda prior: prior.sample(ball, seed=3), lambda prior: prior.distill(ball, renders, seed=3)):
+        used.clear()
+        draw(apart)
+        albedo, specular = used
+        assert len({*albedo, *specular}) == 2 * len(ball.images)
+        used.clear()
+        draw(jointly)
+        contents = [content_number(*one) for one in zip(ball.images, ball.masks, strict=True)]
+        assert used == [[derive_seed(3, content) for content in contents]]
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -181,3 +224,43 @@ def test_the_packaged_weights_know_shading_from_paint(ball, prior):
 
     assert bool(torch.isfinite(albedo).all())
     assert unevenness(albedo) < 0.7 * unevenness(lit)
+
+
+def test_no_sample_exceeds_the_ceiling_and_some_come_near_it(tmp_path, ball):
+    """A network pushed to white everywhere gives exactly the ceiling, under the image's own exposure."""
+    network = MaterialNetwork(tiny_config("regressor"))
+    with torch.no_grad():
+        for parameter in network.head.leave.parameters():
+            parameter.zero_()
+        network.head.leave.bias += 5.0
+    save_network(tmp_path / "white", network, {"steps": 0})
+    factors = torch.tensor([1.0, 10.0, 0.01])
+    prior = RegressorPrior(weights=str(tmp_path / "white"))
+    drawn = prior.sample(replace(ball, images=ball.images * factors[:, None, None, None]), seed=0)
+    assert set(drawn.ceilings) == {"specular"}
+    ceiling = drawn.ceilings["specular"]
+    torch.testing.assert_close(drawn.values["specular"].amax((1, 2, 3)), ceiling, rtol=1e-4, atol=0)
+    plain = prior.sample(ball, seed=0).ceilings["specular"]
+    torch.testing.assert_close(ceiling, plain * factors, rtol=1e-3, atol=0)
+
+
+@pytest.mark.slow
+def test_the_packaged_network_leaves_no_seams():
+    """Within 5 % on a stationary texture; 24 images x 150 rows x 3 channels, 8 lines, so the ratio scatters by about 1 %.
+
+    Compared with other lines of the same parity: the folding of pixels by the network itself may give odd and even lines
+    gradients of different energy, with and without patches.
+    """
+    count, size, random = 24, 150, np.random.default_rng(1)
+    texture, light = (gaussian_filter(random.standard_normal((count, size, size, c)), (0, w, w, 0)) for c, w in ((3, 2), (1, 6)))
+    images = torch.from_numpy(0.3 * np.exp(0.4 * texture / texture.std() + 0.3 * light / light.std())).float()
+    masks = torch.ones(count, size, size)
+    albedo = DiffusionPrior(patches=True).sample(Observations(images, masks), seed=0).values["albedo"].sqrt()
+    frame = Frame.around(masks[0], None)
+    origins = {origin for origin, _ in patch_origins(frame.side, 64)}
+    lines = {line + frame.left - 1 for origin in origins for line in (origin, origin + 64)}  # their last pixel before the border
+    lines = [line for line in sorted(lines) if 8 < line < size - 8]
+    energy = sum((axis[:, 1:] - axis[:, :-1]).square().mean((0, 2, 3)) for axis in (albedo, albedo.transpose(1, 2)))
+    alike = [line for line in range(9, size - 9) if line % 2 == lines[0] % 2 and line not in lines]
+    assert len(lines) == 4
+    assert float(energy[lines].mean() / energy[alike].mean()) == pytest.approx(1, abs=0.05)

@@ -6,6 +6,7 @@ a sample of one patch has the same gradient energy everywhere, so whatever diffe
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -75,6 +76,20 @@ def unguided(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(patches, "STRENGTH", 0.0)
 
 
+@pytest.mark.parametrize("side", [33, 37, 48, 64, 90, 107, 333])
+def test_patches_cover_everything_and_overlap(side: int):
+    origins = list(patch_origins(side, 32))
+    covered = torch.zeros(side, side, dtype=torch.bool)
+    for top, left in origins:
+        assert 0 <= top <= side - 32
+        assert 0 <= left <= side - 32
+        covered[top : top + 32, left : left + 32] = True
+    assert bool(covered.all())
+    for axis in (0, 1):
+        starts = sorted({origin[axis] for origin in origins})
+        assert all(0 < b - a <= 16 for a, b in itertools.pairwise(starts))
+
+
 @pytest.mark.parametrize("side", [33, 64, 101])
 def test_a_denoiser_that_returns_its_condition_gives_it_back_exactly(side: int, monkeypatch: pytest.MonkeyPatch):
     condition, settings = random(2, 3, side, side), SamplerSettings(3, eta=0.5)
@@ -95,6 +110,25 @@ def test_an_image_depends_neither_on_its_neighbours_nor_on_the_batch(eta: float,
     torch.testing.assert_close(*both(), rtol=0, atol=1e-5)  # the blur of guided ones is a product of matrices
     monkeypatch.setattr(patches, "STRENGTH", 0.0)
     assert torch.equal(*both())
+
+
+@pytest.mark.usefixtures("unguided")
+def test_patches_without_foreground_are_skipped():
+    condition, foreground, settings = random(2, 1, 96, 96), torch.zeros(2, 1, 96, 96), SamplerSettings(3)
+    foreground[0, 0, :20, :20] = 1
+    calls = []
+
+    def counting(batch: Tensor) -> Denoise:
+        calls.append(len(batch))
+        return mix(batch)
+
+    found = large(counting, condition, settings, foreground=foreground)
+    assert calls == [2, 4]  # coarse images, then the patches at (0, 16) x (0, 16)
+    everything = large(mix, condition, settings)
+    assert torch.equal(found[0, :, :16, :16], everything[0, :, :16, :16])
+    coarse = large(mix, condition, settings, foreground=torch.zeros_like(foreground))
+    assert torch.equal(found[1], coarse[1])
+    assert torch.equal(found[0, :, 48:], coarse[0, :, 48:])
 
 
 def gradient_energy(image: Tensor, borders: list[int], margin: int) -> tuple[float, float]:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 import torch
-from guided import gaussian_denoiser, wide_schedule
+from guided import gaussian_denoiser, toward, wide_schedule
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
@@ -66,6 +66,14 @@ def test_a_sample_depends_on_its_seed_alone(eta: float):
     for i, seed in enumerate([4, 0, 123456789012]):
         assert torch.equal(together[i : i + 1], sample(network, COSINE, (1, 2, 5, 7), [seed], settings))
     assert not torch.equal(together[0], together[1])
+
+
+@pytest.mark.parametrize("rule", ["paper", "variance"])
+def test_strength_zero_is_the_unguided_sample_to_the_bit(rule: str):
+    for steps, eta in ((1, 0.0), (9, 0.0), (9, 1.0)):
+        plain = sample(network, COSINE, (2, 2, 5, 7), [1, 2], SamplerSettings(steps, eta))
+        guided = toward(torch.ones(2, 2, 5, 7), 0.0, rule=rule).guiding(network, COSINE)
+        assert torch.equal(sample(guided, COSINE, (2, 2, 5, 7), [1, 2], SamplerSettings(steps, eta)), plain)
 
 
 @pytest.mark.parametrize("eta", [0.0, 1.0])

@@ -25,7 +25,7 @@ from ia_bench.report.collect import Runs, as_table
 from ia_bench.report.site import store
 from ia_bench.report.site.page import Gallery, draw_pictures
 from ia_bench.runs.pictures import packing
-from ia_bench.runs.pictures.drawing import Pictures, SceneRenderer
+from ia_bench.runs.pictures.drawing import TURNS, Pictures, SceneRenderer
 from ia_bench.runs.pictures.packing import bundle
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Scene, Truth
@@ -138,6 +138,18 @@ def test_a_perfect_run_looks_like_the_truth_once_it_is_aligned(drawn: tuple[Scen
     assert np.abs(found.sheets["light"][0] - truth.sheets["light"][0]).mean() < 0.01
 
 
+def test_a_run_that_recovered_no_light_is_pictured_without_what_needs_one(
+    drawn: tuple[SceneRenderer, Pictures], perfect_run: Path
+) -> None:
+    (perfect_run / "light.exr").unlink()
+    scene_renderer, truth = drawn
+    run = Recovered(perfect_run)
+    found = run.reconstruction(scene_renderer.stage)
+    packed = bundle(scene_renderer, truth, found, scene_renderer.recovered(found, run.scale))
+    assert set(packed.sheets) == {"albedo", "aligned", "roughness", "relit", "turned"}
+    assert set(packed.errors["sheets"]) == {"albedo", "aligned", "roughness", "relit"}
+
+
 def lacking(scene: Scene, *parts: str) -> Scene:
     """The scene without some of its truth, or of its views."""
     maps = {name: None for name in ("albedo", "roughness") if name in parts}
@@ -196,6 +208,15 @@ def test_training_photographs_stand_for_a_scene_that_holds_none_out(tiny: Scene,
         SceneRenderer(tiny, ["nobody"])
     with pytest.raises(InputError, match="expected a view that can be shown, found none"):
         SceneRenderer(replace(tiny, train=(), test=(), novel=()))
+
+
+def test_the_turning_light_starts_as_it_is_and_goes_once_around(drawn: tuple[SceneRenderer, Pictures]) -> None:
+    scene_renderer, truth = drawn
+    views = next(iter(scene_renderer.relit.values()))
+    relit = truth.sheets["relit"][len(views) // 2]  # the first light's middle one, as rendered by Cycles
+    errors = [float(np.abs(picture - relit).mean()) for picture in truth.sheets["turned"]]
+    assert len(errors) == TURNS
+    assert int(np.argmin(errors)) == 0
 
 
 def test_pictures_are_laid_out_the_truth_is_drawn_once_and_what_has_none_is_named(
