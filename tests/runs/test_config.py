@@ -29,7 +29,7 @@ def test_shipped_choice_composes_and_says_how(path: Path, tmp_path: Path) -> Non
     config = compose(["device=cpu", f"{path.parent.name}={path.stem}"])
     chosen = getattr(config, path.parent.name)
     name = chosen if isinstance(chosen, str) else chosen["name"] if isinstance(chosen, dict) else chosen.name
-    assert name == path.stem or (name, path.stem) == ("diffusion", "letter")  # which is that prior with the paper's own settings
+    assert name == path.stem
     commands = [line for line in path.read_text().splitlines()[:2] if line.startswith("# ia-bench run ")]
     assert len(commands) == 1, "opens with the command that uses it"
     words = shlex.split(commands[0].removeprefix("# ia-bench run "))
