@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import torch
 
+from ia_bench.capture.capture import captured
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.checks import methods
 from ia_bench.checks.finding import Finding
 from ia_bench.checks.methods import check_method
@@ -154,7 +156,14 @@ def test_what_writes_to_the_scene_is_found(tiny: Scene) -> None:
             problem.scene.train[0].image[0, 0] = 1
             return super().result(problem, grey)
 
-    assert failed(findings(Painter, tiny)) == ["the scene"]
+    class Believer(Walk):
+        def result(self, problem: Problem, grey: torch.Tensor) -> Result:
+            problem.scene.train[0].valid[:] = True
+            return super().result(problem, grey)
+
+    eight_bits = captured(tiny, CaptureSettings(radiometry="ldr", percentile=90.0), lambda line: None)
+    for method, scene in ((Painter, tiny), (Believer, eight_bits)):
+        assert failed(findings(method, scene)) == ["the scene"]
 
 
 class Dark:

@@ -152,7 +152,7 @@ def scattered(request: pytest.FixtureRequest) -> tuple[GBuffer, list[tuple[int, 
 
 
 def test_entries_are_found_in_views_and_images_as_by_a_loop(scattered: tuple[GBuffer, list[tuple[int, int, int]]]) -> None:
-    """Views and cameras of entries, the entry of a pixel, and the share of hits as images."""
+    """Views and cameras of entries, the entry of a pixel, values of any type as images, and the share of hits."""
     gbuffer, places = scattered
     some, every_other = torch.arange(len(places))[::3].flip(0).repeat(2), torch.arange(len(places)) % 2 == 0
     for entries, chosen in ((None, places), (some, [places[i] for i in some]), (every_other, places[::2])):
@@ -165,3 +165,10 @@ def test_entries_are_found_in_views_and_images_as_by_a_loop(scattered: tuple[GBu
     for place, face in zip(places, gbuffer.face.tolist(), strict=True):
         coverage[place] = sum(one >= 0 for one in face) / 4
     np.testing.assert_array_equal(gbuffer.coverage().numpy(), coverage)
+    for channels, dtype in (((), torch.bool), ((3,), torch.float64), ((2, 2), torch.int32)):
+        values = (9 * torch.rand(len(places), *channels, generator=torch.Generator().manual_seed(1))).to(dtype)
+        expected = np.zeros((3, 5, 7, *channels), values.numpy().dtype)
+        for place, value in zip(places, values.numpy(), strict=True):
+            expected[place] = value
+        assert gbuffer.images(values).dtype == dtype
+        np.testing.assert_array_equal(gbuffer.images(values).numpy(), expected)

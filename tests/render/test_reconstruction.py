@@ -123,9 +123,15 @@ def test_lights_of_the_same_views_share_what_the_brdf_meets(material: Material, 
     second = rays.rays - before
     np.testing.assert_array_equal(relit.images, fresh(other))
     assert 0 < second < 0.6 * first
+    scale = torch.tensor([0.5, 0.7, 0.9])
+    scaled = found.render(CAMERAS, light=None, **{**USUAL, "albedo_scale": scale})
+    np.testing.assert_array_equal(scaled.images, fresh(light, albedo_scale=scale))
     for changed in ({"quality": Quality(2, 16, 4)}, {"quality": Quality(2, 32, 3)}, {"quality": Quality(1, 16, 3)}):
         again = found.render(CAMERAS, light=None, **{**USUAL, **changed})
         np.testing.assert_array_equal(again.images, fresh(light, **changed))
+    turned = found.render(CAMERAS[::-1], light=None, **USUAL)
+    whole = TexturedReconstruction(bowl, material, light).render(CAMERAS[::-1], light=None, **USUAL)
+    np.testing.assert_array_equal(turned.images, whole.images)
     material.roughness.mul_(0.5)  # in place: the directions are others
     np.testing.assert_array_equal(found.render(CAMERAS, light=None, **USUAL).images, fresh(light))
 

@@ -66,6 +66,21 @@ def test_the_same_protocol_gives_the_same_scores(run: Path, tmp_path: Path) -> N
     assert (again / "metrics.json").stat().st_mtime_ns == written  # nothing is scored twice
 
 
+@pytest.mark.slow
+def test_a_run_on_a_hull_is_scored_on_the_mesh_that_is_made_again(tiny_copy: Path, tmp_path: Path) -> None:
+    """As a phone would give it: few views, eight bits, exposures that nobody knows, no mesh in the folder."""
+    (tiny_copy / "mesh.ply").unlink()
+    phone = ["capture.views=12", "capture.radiometry=ldr", "capture.exposure=per_image", "capture.geometry=hull"]
+    words = [f"scene.path={tiny_copy}", "preset=smoke", "device=cpu", "threads=1", *SMALL, *phone, "capture.cells=48"]
+    execute(compose([*words, "capture.triangles=2000", f"out={tmp_path / 'run'}"]))
+    again = Rescorer(small(), tmp_path / "again", tiny_copy).rescore(tmp_path / "run")
+    found, scored = (json.loads((folder / "metrics.json").read_text()) for folder in (tmp_path / "run", again))
+    assert (scored["metrics"], scored["geometry"]) == (found["metrics"], found["geometry"])
+    assert 0 < found["capture"]["saturated_share"] < 0.1
+    assert found["geometry"]["mask_iou"] > 0.9
+    assert found["metrics"]["view_synthesis"]["psnr"] > 13
+
+
 def test_what_cannot_be_scored_is_named(run: Path, old_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (old_run / "roughness.exr").unlink()
     with pytest.raises(InputError, match="roughness.exr: no such image"):
