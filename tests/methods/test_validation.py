@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -172,6 +173,12 @@ def test_what_a_method_changes_for_all_is_put_back(change: Callable[[], object],
     before = state()
     reconstruct("careless", Careless(stage, change), Problem(tiny.blind()), seed=0, monitor=Monitor.silent())  # type: ignore[arg-type]
     assert state() == before
+
+
+def test_a_method_that_leaves_does_not_end_the_run_as_if_it_had_finished(stage: Stage, tiny: Scene) -> None:
+    leaves = Careless(stage, lambda: sys.exit(0))
+    with pytest.raises(PluginError, match="^method careless raised SystemExit: 0"):
+        reconstruct("careless", leaves, Problem(tiny.blind()), seed=0, monitor=Monitor.silent())  # type: ignore[arg-type]
 
 
 def test_a_reconstruction_that_is_scored_on_the_way_is_checked(stage: Stage, tiny: Scene) -> None:
