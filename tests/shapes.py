@@ -10,9 +10,7 @@ import trimesh
 from ia_bench.scenes.scene import Camera, Mesh
 
 
-def mesh_of(
-    vertices: np.ndarray, faces: np.ndarray, *, normals: np.ndarray | None = None, uv: np.ndarray | None = None
-) -> Mesh:
+def mesh_of(vertices: np.ndarray, faces: np.ndarray, *, normals: np.ndarray | None = None, uv: np.ndarray | None = None) -> Mesh:
     """A mesh; without ``normals`` every triangle is flat, for which vertices are split. UV default to the middle."""
     vertices, faces = np.asarray(vertices, np.float64), np.asarray(faces)
     if normals is None:

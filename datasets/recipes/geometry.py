@@ -41,9 +41,7 @@ def join_scene() -> bpy.types.Object:
     depsgraph = bpy.context.evaluated_depsgraph_get()
     parts = []
     for source in [o for o in bpy.context.scene.objects if o.type in CONVERTIBLE and not o.hide_render]:
-        mesh = bpy.data.meshes.new_from_object(
-            source.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
-        )
+        mesh = bpy.data.meshes.new_from_object(source.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph)
         if not mesh.polygons:
             continue
         if not mesh.materials or any(material is None for material in mesh.materials):

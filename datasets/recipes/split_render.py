@@ -48,9 +48,7 @@ class SplitRenderer:
             noise.append(float(np.mean([np.abs(a.rgba - b.rgba)[..., :3].mean() for a, b in pairs])))
         return [Part(path, value / sum(noise)) for path, value in zip(paths, noise, strict=True)]
 
-    def render(
-        self, light: str, pose: NDArray[np.float64], samples: int, seed: int = 0, *, direct_only: bool = False
-    ) -> Passes:
+    def render(self, light: str, pose: NDArray[np.float64], samples: int, seed: int = 0, *, direct_only: bool = False) -> Passes:
         """Render from `pose` (4, 4) under a light with `samples` paths a pixel, all parts together.
 
         `direct_only` keeps only light that arrives at the object unreflected.

@@ -61,9 +61,7 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     return replace(shaped, train=inside(shaped.train, settings.margin))
 
 
-def _agreeing(
-    views: tuple[View, ...], settings: CaptureSettings, note: Callable[[str], None], begin: Begin
-) -> tuple[View, ...]:
+def _agreeing(views: tuple[View, ...], settings: CaptureSettings, note: Callable[[str], None], begin: Begin) -> tuple[View, ...]:
     """The views with poses and masks that agree better, by a hull that tolerates as many wrong ones as DOUBTS says.
 
     Raises OpenHullError where a hull that tolerates ``capture.tolerated`` is open, too.

@@ -42,9 +42,7 @@ def test_shipped_table_is_well_formed(path: Path) -> None:
     table = load_table(path.stem)
     command = "# make table " if path.stem == "paper" else f"# ia-bench table table={path.stem}\n"
     assert path.read_text().startswith(command)
-    scenes = tuple(
-        one if isinstance(one, str) else "hat" for one in table.scenes[:1]
-    )  # photographs may be absent
+    scenes = tuple(one if isinstance(one, str) else "hat" for one in table.scenes[:1])  # photographs may be absent
     cells = cells_of(table, scenes=scenes)
     assert len(cells) == len(table.crossed_rows) * len(scenes) * len(table.seeds)
     assert len({cell.config_hash for cell in cells}) == len(cells), "two rows with one configuration say nothing"

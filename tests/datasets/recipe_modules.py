@@ -22,7 +22,17 @@ def load(name: str) -> ModuleType:
 latlong, lights, light_parts, cameras, exr, mesh, passes, photographs, recipe, scene_folder, share_lights, staging = (
     load(name)
     for name in (
-        "latlong", "lights", "light_parts", "cameras", "exr", "mesh", "passes", "photographs", "recipe", "scene_folder",
-        "share_lights", "staging",
+        "latlong",
+        "lights",
+        "light_parts",
+        "cameras",
+        "exr",
+        "mesh",
+        "passes",
+        "photographs",
+        "recipe",
+        "scene_folder",
+        "share_lights",
+        "staging",
     )  # fmt: skip
 )

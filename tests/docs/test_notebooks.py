@@ -44,5 +44,3 @@ def test_notebook_is_kept_with_small_outputs(path: Path) -> None:
     assert outputs
     assert not [output for output in outputs if output["output_type"] == "error" or output.get("name") == "stderr"]
     assert str(ROOT) not in json.dumps(outputs)
-
-

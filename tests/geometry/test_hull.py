@@ -72,5 +72,3 @@ def test_one_wrong_mask_is_survived_where_it_is_tolerated() -> None:
     more = visual_hull(views, 40, tolerated=2)
     points = torch.nn.functional.normalize(torch.randn(500, 3, generator=torch.Generator().manual_seed(0)), dim=-1) * RADIUS
     assert (more.at(points) <= none.at(points) + 0.1 * none.step).all()
-
-

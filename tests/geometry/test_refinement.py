@@ -128,5 +128,3 @@ def test_few_or_black_photographs_are_refused(views: list[View]) -> None:
         surface_from_images(views[:3], CELLS, 0)
     with pytest.raises(InputError, match="expected images that show something, found all of them black"):
         surface_from_images([replace(view, image=0 * view.image) for view in views], CELLS, 0)
-
-

@@ -125,9 +125,7 @@ def test_a_capture_in_llff_s_layout_becomes_one_that_is_read(github: Path, fetch
     assert view.camera.position == pytest.approx(4 * np.array([np.cos(2 * np.pi / 5), np.sin(2 * np.pi / 5), 0]))
 
 
-def test_a_folder_with_another_file_changes_nothing(
-    fetch: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_with_another_file_changes_nothing(fetch: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "has" / "lights").mkdir(parents=True)
     (tmp_path / "has/lights/place.hdr").write_text("light")
     digest = hashlib.sha256(b"light").hexdigest()

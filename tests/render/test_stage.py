@@ -32,5 +32,3 @@ def test_views_of_any_size_come_in_batches_of_one_size(monkeypatch: pytest.Monke
     assert [buffer.shape for buffer in stage.gbuffers(CAMERAS, 1)] == [(2, 8, 8), (1, 12, 12)]
     monkeypatch.setattr(stage_module, "BATCH_POINTS", 100)
     assert [buffer.shape for buffer in stage.gbuffers(CAMERAS, 1)] == [(1, 8, 8), (1, 8, 8), (1, 12, 12)]
-
-

@@ -61,7 +61,7 @@ def _shares(radiance: Tensor) -> Measured:
     height, width, _ = radiance.shape
     sampler = LatLongSampler.build(radiance, uniform_fraction=0.2)
     cell = torch.tensor([0])
-    mass = (density(sampler, cell[:, None], torch.arange(height * width)[None])[0].double() * _solid_angles(radiance))
+    mass = density(sampler, cell[:, None], torch.arange(height * width)[None])[0].double() * _solid_angles(radiance)
     u = torch.rand(DRAWS, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     drawn = kernel_calls.sample_texel(sampler, cell.expand(DRAWS), u)
     expected = mass.reshape(height, width).sum(1) * DRAWS
@@ -77,5 +77,3 @@ def _bad_texel(value: float) -> Measured:
     radiance = torch.ones(16, 32, 3)
     radiance[3, 5, 1] = value
     return refused(lambda: LatLongSampler.build(radiance), FloatingPointError, "light")
-
-

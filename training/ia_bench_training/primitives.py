@@ -264,5 +264,3 @@ def anything(rng: Generator) -> Surface:
     """One building block of any family."""
     family = SOLIDS if rng.random() < 0.72 else THIN
     return family[rng.integers(0, len(family))](rng)
-
-

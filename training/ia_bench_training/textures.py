@@ -109,5 +109,3 @@ def draw_materials(rng: Generator, slots: int) -> list[TexturedMaterial]:
     shared = palette(rng, 6)
     together = rng.random() < 0.5
     return [draw_material(rng, shared if together else palette(rng, 5)) for _ in range(slots)]
-
-

@@ -181,4 +181,3 @@ class MitsubaScene:
             },
             "sampler": {"type": "independent"},
         }
-

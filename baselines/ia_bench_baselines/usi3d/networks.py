@@ -69,9 +69,7 @@ class ContentEncoder(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.first = nn.Conv2d(INPUTS, WIDTH, 7, 1, 3, padding_mode="reflect")
-        self.down = nn.ModuleList(
-            nn.Conv2d(k * WIDTH, 2 * k * WIDTH, 4, 2, 1, padding_mode="reflect") for k in (1, 2)
-        )
+        self.down = nn.ModuleList(nn.Conv2d(k * WIDTH, 2 * k * WIDTH, 4, 2, 1, padding_mode="reflect") for k in (1, 2))
         self.blocks = nn.ModuleList(_Residual() for _ in range(RESIDUAL_BLOCKS))
 
     def forward(self, picture: Tensor) -> Tensor:

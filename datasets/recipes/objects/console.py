@@ -27,9 +27,7 @@ SIDE = CENTRE.x + HALF[0]  # the plane that the controller leans against
 FLOOR = CENTRE.z - HALF[2] - FOOT
 
 
-def _recess(
-    cutters: Parts, at: Matrix, half_u: float, half_v: float, radius: float, depth: float, steps: int = 3
-) -> None:
+def _recess(cutters: Parts, at: Matrix, half_u: float, half_v: float, radius: float, depth: float, steps: int = 3) -> None:
     """Add a cutter with dark (slot 1) floor and walls and a chamfered rim of the shell's colour (slot 0)."""
     part = slab(half_u, half_v, radius, [(0.0, -depth), (0.0, -0.005), (0.012, 0.007)], steps)
     count = (len(part[1]) - 2) // 2
@@ -38,9 +36,7 @@ def _recess(
 
 def _on(side: str, u: float, v: float) -> Matrix:
     """Frame on a face of the console: z outward; x and y of the frame along (u, v) in the face."""
-    axis, sign = {"left": (0, -1), "right": (0, 1), "front": (1, -1), "back": (1, 1), "bottom": (2, -1), "top": (2, 1)}[
-        side
-    ]
+    axis, sign = {"left": (0, -1), "right": (0, 1), "front": (1, -1), "back": (1, 1), "bottom": (2, -1), "top": (2, 1)}[side]
     normal = Vector([sign * (k == axis) for k in range(3)])
     up = (0, 1, 0) if side in ("top", "bottom") else (0, 0, 1)
     matrix = frame(CENTRE + normal * HALF[axis], normal, up)
@@ -109,9 +105,7 @@ def _fittings(
 ) -> None:
     """Buttons, tongues of the ports, feet, label and sticker of the console; ``accents`` are red, yellow and teal."""
     label_at, sticker_at = _on("back", 0.08, -0.01), _on("left", 0.19, 0.34)
-    parts = Parts(
-        [light, inside, rubber, *accents, paint.label(label_at, (0.13, 0.085)), paint.sticker(sticker_at, 0.19)]
-    )
+    parts = Parts([light, inside, rubber, *accents, paint.label(label_at, (0.13, 0.085)), paint.sticker(sticker_at, 0.19)])
     button = [(0.041, -0.02), (0.041, 0.002), (0.038, 0.006), (0.028, 0.008), (0.010, 0.005)]
     parts.add(turned(button, 20, start_cap=False), 0, _on("front", -0.145, 0.41))
     eject = [(0.018, -0.02), (0.018, 0.001), (0.015, 0.004)]

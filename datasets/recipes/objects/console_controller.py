@@ -52,9 +52,7 @@ def _skin(materials: list[bpy.types.Material]) -> bpy.types.Object:
         for sign in (1, -1):
             turns = [math.pi * (i + 0.5) / 12 for i in range(12)]
             ball = turned([(math.sin(t), -math.cos(t)) for t in turns], 24)
-            rough.add(
-                ball, 0, Matrix.Translation((sign * centre[0], centre[1], centre[2])) @ Matrix.Diagonal((*radii, 1.0))
-            )
+            rough.add(ball, 0, Matrix.Translation((sign * centre[0], centre[1], centre[2])) @ Matrix.Diagonal((*radii, 1.0)))
     made = rough.link("controller_body")
     remesh = made.modifiers.new("skin", "REMESH")
     remesh.mode, remesh.voxel_size = "VOXEL", 0.0235
@@ -200,9 +198,7 @@ def build_controller(
     dome = [(0.0245, -0.02), (0.0245, 0.006), (0.0225, 0.011), (0.017, 0.0145), (0.008, 0.016)]
     for at, slot in zip(spots, (3, 4, 5, 6), strict=True):
         parts.add(turned(dome, 16, start_cap=False), slot, at)
-    parts.add(
-        turned([(0.026, -0.01), (0.026, 0.004), (0.023, 0.008), (0.010, 0.010)], 18, False), 0, on_face(0.0, 0.085)
-    )
+    parts.add(turned([(0.026, -0.01), (0.026, 0.004), (0.023, 0.008), (0.010, 0.010)], 18, False), 0, on_face(0.0, 0.085))
     parts.add(turned([(0.033, -0.01), (0.033, 0.002)], 24, False), 6, on_face(0.0, 0.085))
     for sign in (-1, 1):
         pill = slab(0.009, 0.020, 0.009, [(0.0, -0.01), (0.0, 0.003), (-0.003, 0.006)], 3, False)

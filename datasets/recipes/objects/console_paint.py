@@ -84,9 +84,7 @@ def _plastic(
 
 def _grime(s: Paint, at: Socket, above_floor: Socket) -> Socket:
     """Dirt that gathers toward the floor, in [0, 0.5]."""
-    return s.math(
-        "MULTIPLY", s.smooth(above_floor, 0.155, -0.025), s.smooth(s.noise(at, 24.0, 6.0), 0.44, 0.64, 0.0, 0.5)
-    )
+    return s.math("MULTIPLY", s.smooth(above_floor, 0.155, -0.025), s.smooth(s.noise(at, 24.0, 6.0), 0.44, 0.64, 0.0, 0.5))
 
 
 def shell(centre: Vector, half: Triple) -> bpy.types.Material:
@@ -107,9 +105,7 @@ def shell(centre: Vector, half: Triple) -> bpy.types.Material:
     white: Value = WHITE
     for icon in icons:
         white = s.mix(s.math("MULTIPLY", front, icon), white, (0.16, 0.17, 0.19))
-    on_top = s.math(
-        "MULTIPLY", s.smooth(z, half[2] - 0.055, half[2]), s.smooth(s.noise(at, 7.0, 5.0), 0.46, 0.66, 0.0, 0.25)
-    )
+    on_top = s.math("MULTIPLY", s.smooth(z, half[2] - 0.055, half[2]), s.smooth(s.noise(at, 7.0, 5.0), 0.46, 0.66, 0.0, 0.25))
     dirt = s.math("MAXIMUM", _grime(s, at, s.math("ADD", z, half[2])), on_top)
     aged = s.mix(0.30, white, IVORY)
     return _plastic(s, at, white, aged, (0.66, 0.38), _worn_edges(s, at, half), dirt)
@@ -125,9 +121,7 @@ def gloss(centre: Vector, half: Triple) -> bpy.types.Material:
     white = s.mix(s.math("MULTIPLY", _ring(s, slope, 0.40, 0.11), chipped), (0.84, 0.84, 0.82), ORANGE)
     white = s.mix(s.math("MULTIPLY", _ring(s, slope, 0.495, 0.035), chipped), white, TEAL)
     aged = s.mix(0.15, white, IVORY)
-    return _plastic(
-        s, at, white, aged, (0.23, 0.46), _worn_edges(s, at, half), _grime(s, at, s.math("ADD", z, half[2]))
-    )
+    return _plastic(s, at, white, aged, (0.23, 0.46), _worn_edges(s, at, half), _grime(s, at, s.math("ADD", z, half[2])))
 
 
 def plain(name: str, colour: Triple, roughness: tuple[float, float]) -> bpy.types.Material:

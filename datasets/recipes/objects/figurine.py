@@ -100,9 +100,7 @@ def hat(straw: bpy.types.Material, plume: bpy.types.Material, gold: bpy.types.Ma
     crown = ((0.105, 0.018), (0.092, 0.030), (0.088, 0.055), (0.082, 0.078), (0.062, 0.090), (0.03, 0.094))
     rows = []
     for r, z in (*profile, *crown):
-        wave = max(0.0, r - 0.09) * (
-            0.22 * np.cos(2 * angle + 0.5) + 0.16 * np.cos(3 * angle + 2.0) + 0.10 * np.cos(5 * angle)
-        )
+        wave = max(0.0, r - 0.09) * (0.22 * np.cos(2 * angle + 0.5) + 0.16 * np.cos(3 * angle + 2.0) + 0.10 * np.cos(5 * angle))
         rows.append(circle(r, angle, z + wave))
     centre = HEAD_CENTRE + HEAD_TURN @ np.array([0.008, 0.020, 0.090])
     grid_surface("hat", np.array(rows) @ HAT_TURN.T + centre, straw)
@@ -121,9 +119,7 @@ def hat(straw: bpy.types.Material, plume: bpy.types.Material, gold: bpy.types.Ma
     blob("brooch", HAT_TURN @ np.array([-0.072, -0.072, 0.035]) + centre, (0.018, 0.018, 0.018), gold)
 
 
-def arms(
-    skin: bpy.types.Material, cloth: bpy.types.Material, lace: bpy.types.Material, gold: bpy.types.Material
-) -> None:
+def arms(skin: bpy.types.Material, cloth: bpy.types.Material, lace: bpy.types.Material, gold: bpy.types.Material) -> None:
     """Arms with fingers, puffed sleeves, lace cuffs and bracelets: the right holds the skirt, the left the fan."""
     right = [
         (-0.135, 0.0, 0.425),

@@ -64,12 +64,7 @@ def polonaise(paint: bpy.types.Material) -> None:
     for up in (0.004, 0.034, 0.062, 0.085, 0.12, 0.16, 0.20, 0.25, 0.31, 0.39, 0.49):
         s = 1.0 - up / 0.52
         level = s + 0.30 * (1.0 - droop)
-        fold = (
-            np.sin(TAU * 3.4 * level + 0.4 * np.sin(3 * angle))
-            * droop**0.5
-            * np.clip(6 * (1.0 - s) - 0.6, 0, 1)
-            * s**0.5
-        )
+        fold = np.sin(TAU * 3.4 * level + 0.4 * np.sin(3 * angle)) * droop**0.5 * np.clip(6 * (1.0 - s) - 0.6, 0, 1) * s**0.5
         fold += 0.6 * np.cos(32 * angle) * np.clip(1.4 - 2 * s, 0, 1) * min(1.0, 4 * s)
         puff = 0.060 * np.sin(np.pi * np.clip(s, 0, 1) ** 1.6) * (0.35 + 0.65 * droop)
         flare = 0.020 * max(0.0, 1.0 - up / 0.06)

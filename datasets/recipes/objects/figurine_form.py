@@ -29,9 +29,7 @@ def bump(angle: np.ndarray, centre: float, width: float) -> np.ndarray:
     return np.exp(-((np.angle(np.exp(1j * (angle - centre))) / width) ** 2))
 
 
-def circle(
-    radius: np.ndarray | float, angle: np.ndarray, z: np.ndarray | float, depth: float = 1.0, y: float = 0.0
-) -> np.ndarray:
+def circle(radius: np.ndarray | float, angle: np.ndarray, z: np.ndarray | float, depth: float = 1.0, y: float = 0.0) -> np.ndarray:
     """Ring of points (columns, 3) at the angles given, its y radius `depth` times its x radius, about (0, y, z)."""
     return np.stack([radius * np.cos(angle), depth * radius * np.sin(angle) + y, z + 0.0 * angle], axis=1)
 

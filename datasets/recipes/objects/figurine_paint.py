@@ -57,9 +57,7 @@ def posy(paint: Paint, surface: Socket, scale: float, size: float, ground: Socke
     hue = paint.mix(paint.smooth(pick, 0.33, 0.36), (0.66, 0.06, 0.12), (0.22, 0.14, 0.52))
     hue = paint.mix(paint.smooth(pick, 0.66, 0.69), hue, (0.80, 0.30, 0.10))
     pale = paint.mix(0.62, hue, (0.86, 0.74, 0.72))
-    petal = paint.mix(
-        paint.smooth(paint.math("ADD", radius, paint.math("MULTIPLY", strokes, 0.5)), 0.5, 1.1), hue, pale
-    )
+    petal = paint.mix(paint.smooth(paint.math("ADD", radius, paint.math("MULTIPLY", strokes, 0.5)), 0.5, 1.1), hue, pale)
     petal = paint.mix(paint.smooth(radius, 0.20, 0.30), (0.80, 0.52, 0.06), petal)
     painted = paint.mix(paint.smooth(leaves, -0.06, 0.06), ground, green)
     return paint.mix(paint.smooth(inside, -0.06, 0.06), painted, petal)
@@ -124,9 +122,7 @@ def brocade_paint() -> bpy.types.Material:
     deep = paint.smooth(fold, -0.9, 0.3, 0.75, 0.0)
     rose = paint.mix(deep, rose, (0.36, 0.05, 0.10))
     sprig = paint.voronoi(position, 11.0)
-    seeds = paint.smooth(
-        paint.voronoi(paint.vector("ADD", position, (3.0, 1.0, 2.0)), 20.0)["Distance"], 0.006, 0.008, 1.0, 0.0
-    )
+    seeds = paint.smooth(paint.voronoi(paint.vector("ADD", position, (3.0, 1.0, 2.0)), 20.0)["Distance"], 0.006, 0.008, 1.0, 0.0)
     star = either(paint, seeds, paint.smooth(sprig["Distance"], 0.011, 0.014, 1.0, 0.0))
     ring = band(paint, sprig["Distance"], 0.019, 0.006)
     ruffle = paint.smooth(up, 0.060, 0.066, 1.0, 0.0)
@@ -200,9 +196,7 @@ def face_paint(centre: np.ndarray, turn: np.ndarray) -> bpy.types.Material:
     colour = paint.mix(grain, (0.82, 0.60, 0.48), (0.80, 0.55, 0.44))
     cheek = paint.vector("LENGTH", paint.join(paint.math("SUBTRACT", side, 0.052), 0.0, paint.math("ADD", z, 0.026)))
     front = paint.math("LESS_THAN", y, 0.0)
-    colour = paint.mix(
-        paint.math("MULTIPLY", paint.smooth(cheek, 0.0, 0.036, 0.75, 0.0), front), colour, (0.74, 0.22, 0.20)
-    )
+    colour = paint.mix(paint.math("MULTIPLY", paint.smooth(cheek, 0.0, 0.036, 0.75, 0.0), front), colour, (0.74, 0.22, 0.20))
     lid = oval(paint, side, z, (0.036, 0.0115), (0.0185, 0.0095))
     white = oval(paint, side, z, (0.036, 0.008), (0.0160, 0.0072))
     iris = paint.math("MULTIPLY", white, oval(paint, side, z, (0.035, 0.0095), (0.0075, 0.0080)))
@@ -240,16 +234,12 @@ def hat_paint() -> bpy.types.Material:
     paint = Paint("hat")
     along, up, _ = paint.split(paint.attribute("chart"))
     position = paint.position()
-    weave = paint.math(
-        "SINE", paint.math("MULTIPLY_ADD", paint.noise(position, 20.0), 3.0, paint.math("MULTIPLY", up, 190.0))
-    )
+    weave = paint.math("SINE", paint.math("MULTIPLY_ADD", paint.noise(position, 20.0), 3.0, paint.math("MULTIPLY", up, 190.0)))
     straw = paint.mix(paint.smooth(weave, -0.8, 0.8), (0.64, 0.46, 0.22), (0.80, 0.68, 0.42))
     ribbon = band(paint, up, 0.70, 0.12)
     colour = paint.mix(ribbon, straw, paint.mix(paint.noise(position, 25.0), (0.06, 0.16, 0.40), (0.16, 0.36, 0.60)))
     rim = band(paint, up, 0.40, 0.08)
-    return paint.finish(
-        paint.mix(rim, colour, GOLD), paint.blend(ribbon, paint.smooth(weave, -1.0, 1.0, 0.30, 0.45), 0.20)
-    )
+    return paint.finish(paint.mix(rim, colour, GOLD), paint.blend(ribbon, paint.smooth(weave, -1.0, 1.0, 0.30, 0.45), 0.20))
 
 
 def plume_paint() -> bpy.types.Material:
@@ -283,9 +273,7 @@ def fan_paint(pivot: np.ndarray) -> bpy.types.Material:
     offset = paint.vector("SUBTRACT", position, tuple(pivot))
     radius = paint.vector("LENGTH", offset)
     x, _, z = paint.split(position)
-    leaf = posy(
-        paint, paint.join(x, z, 0.0), 13.0, 0.020, paint.mix(paint.noise(position, 10.0), GLAZE, (0.62, 0.70, 0.76))
-    )
+    leaf = posy(paint, paint.join(x, z, 0.0), 13.0, 0.020, paint.mix(paint.noise(position, 10.0), GLAZE, (0.62, 0.70, 0.76)))
     sticks = paint.smooth(radius, 0.112, 0.118, 1.0, 0.0)
     colour = paint.mix(sticks, leaf, paint.mix(paint.noise(position, 40.0), (0.20, 0.08, 0.03), (0.44, 0.22, 0.08)))
     rim = either(paint, band(paint, radius, 0.115, 0.010), paint.smooth(radius, 0.248, 0.253))

@@ -205,9 +205,7 @@ def sweep(
     local = np.asarray(profile, float)
     rings = points[:, None] + local[None, :, :1] * right[:, None] + local[None, :, 1:] * top[:, None]
     faces: list[tuple[int, ...]] = [
-        (i * m + j, i * m + (j + 1) % m, (i + 1) * m + (j + 1) % m, (i + 1) * m + j)
-        for i in range(n - 1)
-        for j in range(m)
+        (i * m + j, i * m + (j + 1) % m, (i + 1) * m + (j + 1) % m, (i + 1) * m + j) for i in range(n - 1) for j in range(m)
     ]
     faces += [tuple(range(m)), tuple(range((n - 1) * m, n * m))]
     return solid(name, rings.reshape(-1, 3), faces, material, bevel)

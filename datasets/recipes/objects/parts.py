@@ -66,9 +66,7 @@ def rounded_rectangle(half_u: float, half_v: float, radius: float, steps: int) -
     for quarter, (u, v) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
         for step in range(steps + 1):
             turn = math.pi / 2 * (quarter + step / steps)
-            points.append(
-                (u * (half_u - radius) + radius * math.cos(turn), v * (half_v - radius) + radius * math.sin(turn))
-            )
+            points.append((u * (half_u - radius) + radius * math.cos(turn), v * (half_v - radius) + radius * math.sin(turn)))
     distinct = [p for i, p in enumerate(points) if math.dist(p, points[i - 1]) > 1e-6]
     return distinct
 
@@ -89,10 +87,7 @@ def slab(
 ) -> Part:
     """Prism over a rounded rectangle; ``levels`` lists (how much wider, z)."""
     return loft(
-        [
-            [(u, v, z) for u, v in rounded_rectangle(half_u + wider, half_v + wider, radius + wider, steps)]
-            for wider, z in levels
-        ],
+        [[(u, v, z) for u, v in rounded_rectangle(half_u + wider, half_v + wider, radius + wider, steps)] for wider, z in levels],
         start_cap,
     )
 

@@ -141,9 +141,7 @@ def build_bow_and_stern(m: Palette) -> None:
     )
     rake = Matrix.Rotation(-0.240, 3, "Y")
 
-    def fixed(
-        name: str, y: float, z: float, size: tuple[float, float, float], role: str, out: float, bevel: float
-    ) -> None:
+    def fixed(name: str, y: float, z: float, size: tuple[float, float, float], role: str, out: float, bevel: float) -> None:
         box(name, (float(stern_x(z)) - out, y, z), size, m[role], bevel, rake, segments=1)
 
     for z, count, height in ((-0.17, 5, 0.058), (-0.045, 4, 0.058)):
@@ -189,9 +187,7 @@ def build_bow_and_stern(m: Palette) -> None:
 def _anchor(m: Palette, side: float) -> None:
     """Anchor lashed to the bow, under its stock."""
     y = side * (float(half_breadth(0.44, -0.26)) + 0.028)
-    tube_along_curve(
-        "anchor shank", np.array([(0.445, y, -0.22), (0.435, y, -0.40)]), np.array([0.009, 0.011]), m["black"], 6
-    )
+    tube_along_curve("anchor shank", np.array([(0.445, y, -0.22), (0.435, y, -0.40)]), np.array([0.009, 0.011]), m["black"], 6)
     a = np.linspace(-1.15, 1.15, 7)
     arms = np.stack([0.434 + 0.062 * np.sin(a), np.full(7, y), -0.335 - 0.066 * np.cos(a)], -1)
     tube_along_curve("anchor arms", arms, 0.011 - 0.004 * np.abs(a), m["black"], 6)

@@ -138,9 +138,7 @@ def _deck_gun(m: Palette, x: float, side: float) -> None:
 
 def _barrel(m: Palette, x: float, y: float, size: float) -> None:
     z = deck_height(x) + 0.004
-    profile = np.array(
-        [(0, 0), (0.019, 0), (0.0242, 0.018), (0.0242, 0.034), (0.019, 0.052), (0.016, 0.052), (0, 0.047)]
-    )
+    profile = np.array([(0, 0), (0.019, 0), (0.0242, 0.018), (0.0242, 0.034), (0.019, 0.052), (0.016, 0.052), (0, 0.047)])
     lathe("barrel", profile * size, m["raw"], 9, (x, y, z))
     for h, r in ((0.012, 0.0235), (0.040, 0.0235)):
         hoop = np.array([(0, h - 0.003), (r, h - 0.003), (r, h + 0.003), (0, h + 0.003)])

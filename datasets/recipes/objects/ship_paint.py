@@ -81,9 +81,7 @@ def hull_paint(keel: float, sheer: tuple[float, float, float]) -> bpy.types.Mate
     upper = p.between(above, 0.078, 0.5)
     band = p.mix(upper, band, p.mix(p.math("MULTIPLY", tone, 0.6), (0.22, 0.035, 0.03), (0.13, 0.02, 0.02)))
     bottom = p.mix(p.math("MULTIPLY", tone, 0.5), (0.34, 0.06, 0.035), (0.20, 0.035, 0.025))
-    slime = p.smooth(
-        p.math("ADD", z, p.math("MULTIPLY", p.noise(_stretched(p, 22.0, 22.0, 6.0), 1.0), 0.1)), -0.55, -0.46
-    )
+    slime = p.smooth(p.math("ADD", z, p.math("MULTIPLY", p.noise(_stretched(p, 22.0, 22.0, 6.0), 1.0), 0.1)), -0.55, -0.46)
     bottom = p.mix(p.math("MULTIPLY", slime, 0.7), bottom, (0.07, 0.085, 0.04))
     under = p.smooth(z, -0.531, -0.527, 1.0, 0.0)
     boot = p.between(z, -0.529, -0.497, 0.002)

@@ -69,14 +69,10 @@ def build_masts_and_sails(m: Palette) -> None:
         wave = 0.022 * np.sin(9.0 * s + 1.5 * t) * s**0.6
         points = np.stack([start[0] - length * s, wave, start[2] + height * t * taper - 0.03 * s * s], -1)
         sheet("flag", points, m[role], 0.007)
-    tube_along_curve(
-        "flagstaff", np.array([(-0.765, 0, 0.05), (-0.788, 0, 0.31)]), np.array([0.009, 0.006]), m["mast"], 8
-    )
+    tube_along_curve("flagstaff", np.array([(-0.765, 0, 0.05), (-0.788, 0, 0.31)]), np.array([0.009, 0.006]), m["mast"], 8)
 
 
-def _yard(
-    m: Palette, centre: tuple[float, float, float], half: float, axis: tuple[float, float, float], r: float
-) -> None:
+def _yard(m: Palette, centre: tuple[float, float, float], half: float, axis: tuple[float, float, float], r: float) -> None:
     profile = [
         (0, -half),
         (0.45 * r, -half),
@@ -89,9 +85,7 @@ def _yard(
     lathe("yard", profile, m["yard"], 8, centre, axis)
 
 
-def _square_sail(
-    m: Palette, x: float, cloth: str, z: tuple[float, float], width: tuple[float, float], belly: float
-) -> None:
+def _square_sail(m: Palette, x: float, cloth: str, z: tuple[float, float], width: tuple[float, float], belly: float) -> None:
     """Sail bent to its yard at z[0], half widths `width` at head and foot, filled from astern."""
     _yard(m, (x, 0, z[0] + 0.010), width[0] + 0.045, (0, 1, 0), 0.014)
     columns = 7 + 2 * int(13.0 * width[1])
@@ -119,9 +113,7 @@ def _lateen(m: Palette) -> None:
     """Triangular mizzen sail on its slanted yard."""
     peak, tack, clew = np.array([(-0.69, 0.03, 0.50), (-0.24, 0.03, -0.015), (-0.735, 0.03, 0.10)])
     axis = peak - tack
-    _yard(
-        m, tuple((peak + tack) / 2 + (0, -0.005, 0.012)), 0.5 * float(np.linalg.norm(axis)) + 0.03, tuple(axis), 0.013
-    )
+    _yard(m, tuple((peak + tack) / 2 + (0, -0.005, 0.012)), 0.5 * float(np.linalg.norm(axis)) + 0.03, tuple(axis), 0.013)
     s, t = np.meshgrid(np.linspace(0.0, 1.0, 11), np.linspace(0.0, 0.96, 9))
     head = tack + s[..., None] * axis
     points = head + t[..., None] * (clew - head)
@@ -161,9 +153,7 @@ def build_rigging(m: Palette) -> None:
             for f in np.linspace(0.12, 0.80, 6):
                 line = (feet + f * (ends - feet))[[0, -1]]
                 tube_along_curve("ratline", line, np.full(2, 0.006), m["tarred"], 4)
-            upper = np.array(
-                [(x - 0.03, side * 0.046, hounds + 0.045), (x, side * 0.006, hounds + 0.50 * (head - hounds))]
-            )
+            upper = np.array([(x - 0.03, side * 0.046, hounds + 0.045), (x, side * 0.006, hounds + 0.50 * (head - hounds))])
             tube_along_curve("topmast shroud", upper, np.full(2, 0.006), m["tarred"], 5)
     fore, main, mizzen = MASTS["fore"], MASTS["main"], MASTS["mizzen"]
     for start, end, sag in (

@@ -63,12 +63,8 @@ def plaster() -> bpy.types.Material:
     x, y, z = paint.split(p)
     course = paint.formula("floor(z * 16)", z=z)
     along = paint.formula("arctan2(y, x) * 3.2 + 0.5 * course", x=x, y=y, course=course)
-    joint = paint.formula(
-        "maximum(absolute(fract(a) - 0.5) - 0.42, absolute(fract(z * 16) - 0.5) - 0.38)", a=along, z=z
-    )
-    brick = paint.mix(
-        paint.random(paint.join(paint.math("FLOOR", along), course, 0.5)), (0.30, 0.10, 0.06), (0.50, 0.22, 0.12)
-    )
+    joint = paint.formula("maximum(absolute(fract(a) - 0.5) - 0.42, absolute(fract(z * 16) - 0.5) - 0.38)", a=along, z=z)
+    brick = paint.mix(paint.random(paint.join(paint.math("FLOOR", along), course, 0.5)), (0.30, 0.10, 0.06), (0.50, 0.22, 0.12))
     wall = paint.mix(paint.smooth(joint, 0.0, 0.02), brick, (0.50, 0.47, 0.42))
     flaked = paint.smooth(paint.noise(p, 3.6), 0.53, 0.56)
     cream = paint.mix(paint.noise(p, 22.0), (0.58, 0.50, 0.36), (0.80, 0.73, 0.58))
@@ -141,9 +137,7 @@ def _ground(material: bpy.types.Material) -> None:
     lathe("ground", [*profile, (0.55, -0.572), (0.40, -0.545), (0.20, -0.53), (0.0, -0.53)], material, steps=36)
 
 
-def _house(
-    wall: bpy.types.Material, roof: bpy.types.Material, wood: bpy.types.Material, trim: bpy.types.Material
-) -> None:
+def _house(wall: bpy.types.Material, roof: bpy.types.Material, wood: bpy.types.Material, trim: bpy.types.Material) -> None:
     """Stem, cap with a hollow underside, door in a deep frame, two round windows, chimney."""
     foot = [(0.0, -0.56), (0.37, -0.56), (0.365, -0.45), (0.33, -0.30)]
     lathe("stem", [*foot, (0.29, -0.10), (0.265, 0.10), (0.26, 0.29), (0.0, 0.31)], wall, steps=28)
