@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
+from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
-from ia_bench.methods.info import Declared, MethodInfo
+from ia_bench.methods.info import MethodInfo
 
 if TYPE_CHECKING:
     import numpy as np

@@ -10,12 +10,13 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
+from ia_bench.common.declared import Declared
 from ia_bench.common.exit_codes import log
 from ia_bench.common.progress import ProgressBar, unseen
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.costs import CostTracker
-from ia_bench.methods.info import Declared, HeldOut, MethodInfo
+from ia_bench.methods.info import HeldOut, MethodInfo
 from ia_bench.methods.photographs import Photographs
 from ia_bench.methods.plan import Plan, choose_prior_views, make_plan
 from ia_bench.methods.views import evenly_spread

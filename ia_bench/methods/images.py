@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.files import read_json, user_path
-from ia_bench.methods.info import Declared, HeldOut, MethodInfo
+from ia_bench.methods.info import HeldOut, MethodInfo
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
 from ia_bench.scenes.images import Images

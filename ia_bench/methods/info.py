@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from typing import TYPE_CHECKING, Annotated, Any
-
-from pydantic import Field
+from typing import TYPE_CHECKING, Any
 
 from ia_bench.common.errors import InputError, PluginError
 
@@ -57,23 +55,6 @@ class MethodInfo:
         mesh = scene.mesh
         there = {"mesh": mesh is not None and len(mesh.faces) > 0, "uv": mesh is not None and bool(mesh.uv.any())}
         return sorted(self.needs - {name for name, has in there.items() if has})
-
-
-@dataclass(frozen=True)
-class Declared:
-    """What whoever brings results says of them; tables mark it as declared.
-
-    Attributes:
-        authors: Who made them.
-        code: What made them: a name, an address, a commit.
-        hardware: On what machine.
-        seconds: How long that took, without scoring; None where nobody says.
-    """
-
-    authors: str = ""
-    code: str = ""
-    hardware: str = ""
-    seconds: Annotated[float, Field(ge=0)] | None = None
 
 
 def held_out(scene: Scene) -> HeldOut:

@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from torch import Tensor
 
+from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError
 
 COMPONENTS = ("albedo", "specular")
@@ -31,6 +32,8 @@ class PriorInfo:
             sample must do without the first three as well, which pictures without a scene do not have.
         coupling: The name of the coupling by which it is used best, such as "targets"; None recommends none. It is what a run with
             ``coupling=auto`` takes.
+        declared: What is said of predictions that were made elsewhere: the seconds that a row took are then its own and these.
+            None for a prior that makes them in the run.
     """
 
     provides: frozenset[str]
@@ -41,6 +44,7 @@ class PriorInfo:
     sees_truth: bool = False
     wants: frozenset[str] = frozenset()
     coupling: str | None = None
+    declared: Declared | None = None
 
     def __post_init__(self) -> None:
         for name, known in (("provides", COMPONENTS), ("wants", WANTED)):

@@ -3,6 +3,7 @@
 The folder holds ``albedo/VIEW.png`` and the like, and may hold ``predictions.json``, which says how they are stored::
 
     {"albedo": {"files": "albedo/*", "encoding": "srgb", "alpha": "straight"}, "sees_truth": false,
+     "declared": {"code": "github.com/someone/network", "hardware": "one GPU", "seconds": 40},
      "views": {"0001": {"size": [640, 480], "box": [0, -80, 640, 640], "exposure": 1.5}}}
 
 ``size`` (width, height) is that of the view, ``box`` (left, top, width, height) the part of it that pictures show, in its pixels,
@@ -23,6 +24,7 @@ from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 from torch.nn import functional as F
 
+from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json, shown, user_path
 from ia_bench.common.ranges import Positive
@@ -72,6 +74,7 @@ class About:
     albedo: Stored = field(default_factory=Stored)
     specular: Stored = field(default_factory=Stored)
     sees_truth: bool = False
+    declared: Declared = field(default_factory=Declared)
     views: dict[str, Any] = field(default_factory=dict)
 
 
@@ -136,7 +139,8 @@ class FilesPrior:
                 choices = " or ".join(("linear", "srgb") if key == "encoding" else ("straight", "premultiplied"))
                 raise InputError(f"{place}: {name}.{key}: expected {choices}, there or as prior.options.{key}, found nothing")
         several = any(path.parent != self._path(one, "x").parent for one in self._stored.values() for path in self._all(one))
-        self.info = PriorInfo(frozenset(self._stored), several, sees_truth=about.sees_truth if sees_truth is None else sees_truth)
+        sees_truth = about.sees_truth if sees_truth is None else sees_truth
+        self.info = PriorInfo(frozenset(self._stored), several, sees_truth=sees_truth, declared=about.declared)
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`. Of the observations only names and masks are looked at."""

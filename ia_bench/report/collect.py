@@ -37,7 +37,7 @@ from ia_bench.common.files import read_json, shown
 from ia_bench.common.settings import parsed
 from ia_bench.report.curves import read_curve
 from ia_bench.runs.folder import CURVE
-from ia_bench.runs.record import CHANGED, METRICS_FILE, RunRecord, RunSetup
+from ia_bench.runs.record import CHANGED, METRICS_FILE, RunRecord, RunSetup, row_seconds
 from ia_bench.scores.metrics import METRIC_OF, METRICS
 
 Runs: TypeAlias = pd.DataFrame
@@ -46,9 +46,6 @@ CellKey = tuple[str, str, int]  # row, scene, seed
 
 HASH_DIGITS = 16
 """Of a configuration's hash that a report keeps: enough to tell any two runs apart, a quarter of the text."""
-NOT_OF_THE_ROW = ("total", "score", "pictures", "capture")
-"""Phases that are no cost of a row. The scene's preparation, ``capture``, is the same for all rows and kept between runs: it would
-count for whichever row happened to come first."""
 NOT_SCORED = "its record is of before this metric"
 """Why a score is undefined that a run of a former version does not have."""
 
@@ -146,7 +143,7 @@ def read_run(folder: Path) -> Record:
         **{f"{group}_{name}": value for group, values in variants.items() for name, value in values.items()},
         **{f"{TIMES}{phase}": seconds for phase, seconds in record.time_s.items()},
         **{f"{RESCORED}{key}": value for key, value in record.rescored_from.items()},
-        "seconds": sum(seconds for phase, seconds in record.time_s.items() if phase not in NOT_OF_THE_ROW),
+        "seconds": row_seconds(record.time_s),
         "peak_memory_bytes": record.peak_memory_bytes,
         "rays": record.rays,
         "network_calls": record.network_calls,

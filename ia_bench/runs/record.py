@@ -29,6 +29,13 @@ CHANGED = "+changes"
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Group = dict[str, float | None]
 PerView = dict[str, list[float | None]]
+NOT_OF_THE_ROW = ("total", "score", "pictures", "capture")
+"""Phases of a run that are none of its method."""
+
+
+def row_seconds(time_s: Mapping[str, float]) -> float:
+    """What a row took of the phases of ``time_s``: baking, asking the prior, fitting."""
+    return sum(seconds for phase, seconds in time_s.items() if phase not in NOT_OF_THE_ROW)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +72,9 @@ class RunRecord:
         capture: What the scene was left with.
         environment: Machine, threads, versions and commit.
         files: Every other file that the run wrote -> its SHA-256.
-        declared: "authors", "code", "hardware" and "seconds" of results that were made elsewhere, as whoever brings them says;
-            these seconds count in place of the run's own. None for a run that has made its results itself.
+        declared: "authors", "code", "hardware" and "seconds" of results, or of predictions, that were made elsewhere, as whoever
+            brings them says; these seconds count in place of the run's own, which are among them where only predictions were
+            brought. None for a run that has made all itself.
         rescored_from: Hash, protocol and commits of the run whose results are scored here again; empty for a run of its own.
     """
 

@@ -21,7 +21,7 @@ from ia_bench.render.asset_files import read_asset
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
 from ia_bench.render.settings import BROUGHT
 from ia_bench.render.stage import Stage
-from ia_bench.runs.config import RunConfig, slug
+from ia_bench.runs.config import RunConfig, method_class, slug
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import hash_of, labels, scene_content, setup
 from ia_bench.runs.packs import BROUGHT_PICTURES, ORDER, ORDERS
@@ -98,7 +98,7 @@ class Recovered:
             return texture(name, channels) if (self.folder / f"{name}.exr").is_file() else None
 
         assumed = frozenset[str]()
-        if self.record.declared is not None:  # an asset that was brought: its mesh may be another one, its roughness unknown
+        if method_class(self.config.method).info.brought:  # an asset: its mesh may be another one, its roughness unknown
             stage = Stage(read_asset(self.folder / "asset.glb", note=lambda line: None).mesh, stage.device)
             unknown = self.record.reasons.get("roughness.mse", "").startswith("the method does not predict")
             assumed = frozenset({"roughness"} if unknown else ())

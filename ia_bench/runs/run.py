@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import resource
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
@@ -13,6 +13,7 @@ import torch
 
 from ia_bench.capture.capture import captured
 from ia_bench.capture.capture import record as capture_record
+from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress, ProgressBar
 from ia_bench.common.registry import create
@@ -21,7 +22,7 @@ from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.couplings.base import coupling_of
 from ia_bench.methods.info import MethodInfo, held_out
 from ia_bench.methods.validation import reconstruct
-from ia_bench.priors.contract import NoPrior, Prior
+from ia_bench.priors.contract import NoPrior, Prior, PriorInfo
 from ia_bench.priors.inputs import beside_run
 from ia_bench.priors.validation import check_prior_info
 from ia_bench.render.reconstruction import Reconstruction
@@ -30,7 +31,7 @@ from ia_bench.runs.assets import write_assets
 from ia_bench.runs.config import RunConfig, method_of
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.pictures.packing import write_pictures
-from ia_bench.runs.record import RunRecord
+from ia_bench.runs.record import RunRecord, row_seconds
 from ia_bench.runs.scene import read_scene, tell, tell_truth
 from ia_bench.scenes.scene import Scene
 from ia_bench.scores.evaluate import drawn_scale
@@ -65,21 +66,29 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
         scale = drawn_scale(scores.albedo_scales, config.protocol.alignment)
         title = f"{config.scene.name}, {config.row_name}, seed {config.seed}"
         write_pictures(folder, scene, scorer.drawn, scale, title, progress)
-    asked = method.info.uses_prior and problem.prior.info.sees_truth
+    asked = problem.prior.info if method.info.uses_prior else PriorInfo(frozenset())
+    time_s = {"bake": 0.0, "prior": 0.0, **result.seconds, **costs.seconds, "total": costs.total()}
     found = {
         **known,
         **scores.as_dict(),
-        "sees_truth": bool(asked or method.info.sees_truth),
-        "time_s": {"bake": 0.0, "prior": 0.0, **result.seconds, **costs.seconds, "total": costs.total()},
+        "sees_truth": asked.sees_truth or method.info.sees_truth,
+        "time_s": time_s,
         "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         "rays": counts.pop("rays", 0),
         "network_calls": result.counters.get("network_calls", 0),
         "counters": {**counts, **result.counters},
         "plan": problem.plan.record() if "plan" in vars(problem) else {"needed": [], "left_out": []},
         "capture": capture_record(scene, config.capture),
-        "declared": None if result.declared is None else asdict(result.declared),
+        "declared": _declared(result.declared, asked.declared, row_seconds(time_s)),
     }
     return folder.write_record(RunRecord(**found, config_hash=folder.config_hash, status="ok"))
+
+
+def _declared(results: Declared | None, predictions: Declared | None, seconds: float) -> dict[str, Any] | None:
+    """What is said of results that were brought, or else of predictions, to whose seconds those of the fit are added."""
+    if results is None and predictions is not None:
+        results = replace(predictions, seconds=None if predictions.seconds is None else predictions.seconds + seconds)
+    return None if results is None else asdict(results)
 
 
 def ask_for_the_same_numbers(device: str) -> None:

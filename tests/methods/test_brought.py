@@ -14,12 +14,13 @@ import pytest
 import torch
 from PIL import Image
 
+from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError
 from ia_bench.common.settings import parsed
 from ia_bench.methods.asset import AssetOptions, BroughtAsset
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.images import BroughtImages, ImagesOptions
-from ia_bench.methods.info import Declared, held_out
+from ia_bench.methods.info import held_out
 from ia_bench.render.asset_files import glb, moved
 from ia_bench.render.reconstruction import Assets, Quality
 from ia_bench.scenes.color import linear_to_srgb

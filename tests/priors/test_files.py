@@ -22,6 +22,7 @@ from ia_bench.priors.for_networks import write_photographs
 from ia_bench.priors.validation import ask
 from ia_bench.runs.composition import compose
 from ia_bench.runs.identity import hash_of, identity
+from ia_bench.runs.record import RunRecord, row_seconds
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.scene import Scene
@@ -259,10 +260,15 @@ def test_from_photographs_to_a_row_in_three_commands(
         values = linear_to_srgb(view.albedo / np.maximum(view.mask, 1e-6)[..., None]).clip(0, 1).repeat(2, 0).repeat(2, 1)
         save(tmp_path / "out" / "albedo" / photo.name, values)
     short = ["scene=tiny", "capture.views=8", "preset=smoke", "device=cpu", "threads=1", "coupling=targets"]
+    about = tmp_path / "out" / "predictions.json"
+    about.write_text(json.dumps({**json.loads(about.read_text()), "declared": {"code": "a loop", "seconds": 100}}))
     told = ["prior.options.path=out", "prior.options.encoding=srgb", "prior.options.alpha=straight"]
     assert main(["run", *short, "prior=files", *told, "out=files"]) == 0
     assert main(["run", *short, "prior=none", "out=none"]) == 0
-    files, none = (json.loads((tmp_path / row / "metrics.json").read_text())["metrics"] for row in ("files", "none"))
+    records = [RunRecord.read(tmp_path / row) for row in ("files", "none")]
+    files, none = (record.metrics for record in records)
+    assert records[0].declared == {"authors": "", "code": "a loop", "hardware": "", "seconds": 100 + row_seconds(records[0].time_s)}
+    assert records[1].declared is None
     assert files["albedo"]["psnr"] > none["albedo"]["psnr"] + 5
     (tmp_path / "out" / "albedo" / photos[3].name).unlink()
     assert main(["run", *short, "prior=files", *told, "out=missing"]) == 2

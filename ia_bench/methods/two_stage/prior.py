@@ -32,7 +32,7 @@ class PriorLoss:
 
     def __init__(self, problem: Problem, seed: int, monitor: Monitor) -> None:
         """Raises InputError for a prior that is to be distilled and cannot be."""
-        self._problem, self._seed = problem, seed
+        self._problem, self._seed, self._task = problem, seed, monitor.task
         self._prior, self._coupling = problem.prior, problem.coupling
         self.sampler = PriorSampler(problem, self._prior, seed, monitor.note)
         self.samples: PixelSamples | None = None
@@ -53,8 +53,10 @@ class PriorLoss:
         if self._coupling.period or not self._used:
             return
         views = self._problem.asked_views
+        bar = self._task("views shown to the prior", len(views), 0)
         guidance = None if parameters is None else self._renders(parameters, views, self._used, generator)
         self._take(pixel_samples(self._problem, self.sampler.draw(guidance), views))
+        bar.advance(len(views))
 
     def update(self, step: int, parameters: Parameters, generator: torch.Generator) -> None:
         """Before ``step``: where it is due, let the prior denoise the current renders of a few views."""

@@ -1,0 +1,25 @@
+"""What is said of results, or of predictions, that were made elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What whoever brings results says of them; tables mark it as declared.
+
+    Attributes:
+        authors: Who made them.
+        code: What made them: a name, an address, a commit.
+        hardware: On what machine.
+        seconds: How long that took, without scoring; None where nobody says.
+    """
+
+    authors: str = ""
+    code: str = ""
+    hardware: str = ""
+    seconds: Annotated[float, Field(ge=0)] | None = None
