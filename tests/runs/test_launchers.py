@@ -38,7 +38,10 @@ def needs(package: str) -> pytest.MarkDecorator:
     return pytest.mark.skipif(importlib.util.find_spec(package) is None, reason=f"needs the extra: pip install -e '.[{package}]'")
 
 
-REMOTE = [pytest.param("submitit_local", marks=needs("submitit")), pytest.param("ray", marks=[needs("ray"), pytest.mark.slow])]
+REMOTE = [
+    pytest.param("submitit_local", marks=[needs("submitit"), pytest.mark.slow]),
+    pytest.param("ray", marks=[needs("ray"), pytest.mark.slow]),
+]
 EVERY = ["local", *REMOTE]
 
 

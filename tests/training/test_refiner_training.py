@@ -132,6 +132,7 @@ def test_fits_come_back_and_damage_is_named(folders: Path, tmp_path: Path) -> No
         fit_paths(tmp_path / "nowhere")
 
 
+@pytest.mark.slow
 def test_fits_of_procedural_scenes_are_made_and_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The command makes what is missing alone, and the same fit each time (to rounding)."""
     line = [f"out={tmp_path}", "seed=3", "size=16", "workers=2"]
