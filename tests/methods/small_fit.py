@@ -118,7 +118,7 @@ class Record:
 
         class ProgressBar:
             def advance(self, amount: int = 1, **values: Any) -> None:
-                record.losses.append(values["loss"])
+                record.losses += [values["loss"]] if "loss" in values else []  # which the prior's turn has not
 
         return Monitor(
             lambda name, total, done: ProgressBar(),
