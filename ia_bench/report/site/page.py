@@ -1,7 +1,6 @@
 """The report as a page: one folder with an ``index.html`` that a double click opens, without a server or a network.
 
-Text and numbers are in the HTML, filled from ``templates/``; its scripts have the same as data. What is large lies beside it, in
-PARTS, and loads late.
+Text and numbers are in the HTML, filled from ``templates/``; its scripts have the same as data. Large PARTS beside it load late.
 """
 
 from __future__ import annotations
