@@ -12,15 +12,12 @@ from torch import Tensor
 
 from ia_bench.material.brdf import normalize, tangent_frame
 from ia_bench.render.estimator import lattice
-from ia_bench.render.gbuffer import GBuffer
-from ia_bench.render.rays import RayCaster
-from ia_bench.scenes.scene import Camera, Scene, farthest_first
+from ia_bench.render.gbuffer import GBuffer, sees
+from ia_bench.scenes.scene import Scene, farthest_first
 
 if TYPE_CHECKING:
     from ia_bench.methods.contract import Problem
 
-GRAZING = 0.2
-"""Cosine below which a pixel shows a surface too obliquely for a prior to say much about it."""
 AMBIENT_RAYS = 32  # a pixel, shared by its points
 CHUNK = 16_384  # pixels at a time
 
@@ -34,23 +31,6 @@ def spreading_order(scene: Scene, count: int) -> list[int]:
     """The first ``count`` training views by farthest-point sampling of the directions from the mesh to the cameras."""
     vertices = scene.expect_mesh().vertices
     return farthest_first(scene.train, 0.5 * (vertices.min(0) + vertices.max(0)))[:count]
-
-
-def sees(cameras: list[Camera], positions: Tensor, normals: Tensor, rays: RayCaster, offset: float) -> Tensor:
-    """Which cameras see which surface points well: (N, V) bool for (N, 3) positions with normals.
-
-    Inside the image, at a cosine of at least GRAZING, and nothing between; ``offset``: of the shadow rays, scene units.
-    """
-    found = torch.zeros(len(positions), len(cameras), dtype=torch.bool, device=positions.device)
-    for index, camera in enumerate(cameras):
-        toward = positions.new_tensor(camera.position) - positions
-        directions = toward / toward.norm(dim=-1, keepdim=True)
-        column, row, depth = camera.project(positions)
-        framed = (depth > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-        candidates = torch.nonzero(framed & ((normals * directions).sum(-1) >= GRAZING))[:, 0]
-        starts = positions[candidates] + offset * normals[candidates]
-        found[candidates, index] = ~rays.occluded(starts, directions[candidates])
-    return found
 
 
 def views_needed(seen: Tensor, per_point: int, share: float) -> int:

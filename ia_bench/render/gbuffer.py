@@ -21,6 +21,7 @@ from ia_bench.scenes.scene import Camera, Mesh
 
 RAYS_AT_ONCE = 2**18  # primary rays traced together: about 50 MB while they are made
 MARGIN = 0.5  # pixels around the image of a triangle, for the rounding of rays
+GRAZING = 0.2  # cosine below which a pixel shows a surface too obliquely to say much about it
 
 
 @dataclass(frozen=True)
@@ -239,3 +240,20 @@ class SurfaceInterpolator:
         self.points += int((face >= 0).sum())
         self.bent_normals += int(flags[:, 1].sum())
         return SurfacePoints(position, normal, view, uv, geometric, flags[:, :1].bool())
+
+
+def sees(cameras: list[Camera], positions: Tensor, normals: Tensor, rays: RayCaster, offset: float) -> Tensor:
+    """Which cameras see which surface points well: (N, V) bool for (N, 3) positions with normals.
+
+    Inside the image, at a cosine of at least GRAZING, and nothing between; ``offset``: of the shadow rays, scene units.
+    """
+    found = torch.zeros(len(positions), len(cameras), dtype=torch.bool, device=positions.device)
+    for index, camera in enumerate(cameras):
+        toward = positions.new_tensor(camera.position) - positions
+        directions = toward / toward.norm(dim=-1, keepdim=True)
+        column, row, depth = camera.project(positions)
+        framed = (depth > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+        candidates = torch.nonzero(framed & ((normals * directions).sum(-1) >= GRAZING))[:, 0]
+        starts = positions[candidates] + offset * normals[candidates]
+        found[candidates, index] = ~rays.occluded(starts, directions[candidates])
+    return found

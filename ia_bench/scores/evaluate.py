@@ -19,6 +19,7 @@ import numpy as np
 from ia_bench.scenes.images import Images
 from ia_bench.scores import comparison
 from ia_bench.scores.comparison import VARIANTS, Pair, Predictions, pairs, scale, stacked
+from ia_bench.scores.error_split import Shown, split
 from ia_bench.scores.metrics import (
     COMPONENTS,
     CURVE_METRICS,
@@ -47,7 +48,7 @@ NO_TRUTH = {
 }
 
 
-NEVER_WHOLE = ("roughness", "light", "log_light")
+NEVER_WHOLE = ("roughness", "light", "log_light", "albedo_error")
 """Components that have no score of whole images: there is nothing around them."""
 
 
@@ -113,8 +114,10 @@ class Scores:
         }
 
 
-def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, renderer: str = "") -> Scores:
-    """Compute every number of the protocol, and its variants.
+def score(
+    predictions: Predictions, truth: Predictions, protocol: Protocol, *, renderer: str = "", shown: Shown | None = None
+) -> Scores:
+    """Compute every number of the protocol, and its variants. ``shown``: the surface in the pixels of the albedo's views.
 
     A component without truth, one that is not predicted, and one that is not finite in a scored pixel get None and a reason.
 
@@ -122,7 +125,7 @@ def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, r
         ValueError: Predictions and truth differ in views, shapes or lights, or the truth is not finite.
     """
     scores = Scores(protocol, renderer)
-    views = record_all(scores, predictions, truth, MEASURED)
+    views = record_all(scores, predictions, truth, MEASURED, shown=shown)
     psnr = [METRIC_OF["albedo.psnr"]]
     for name, of in views.items():
         if name not in NEVER_WHOLE:
@@ -160,12 +163,19 @@ def albedo_scale(predicted: Images, true: Images, protocol: Protocol) -> np.ndar
 
 
 def record_all(
-    scores: Scores, predictions: Predictions, truth: Predictions, metrics: tuple[Metric, ...], suffix: str = ""
+    scores: Scores,
+    predictions: Predictions,
+    truth: Predictions,
+    metrics: tuple[Metric, ...],
+    suffix: str = "",
+    shown: Shown | None = None,
 ) -> dict[str, Views]:
     """Score the components by those of ``metrics`` that belong to each; return what was compared."""
     protocol = scores.protocol
     views: dict[str, Views] = {name: _paired(predictions, truth, name, protocol) for name in NO_TRUTH}
     views["aligned_albedo"] = aligned = _aligned(scores, protocol.alignment, views["albedo"], suffix)
+    if metrics is MEASURED:
+        views["albedo_error"] = _split(views["albedo"], shown, protocol)
     relit = predictions.relighting is not None or truth.relighting is None or protocol.alignment == "none"
     if isinstance(aligned, str) and not relit:
         views["relighting"] = aligned  # what is relit is the aligned albedo: where there is none, its reason is the reason
@@ -183,6 +193,7 @@ def _record_one(scores: Scores, component: str, views: Views, metrics: tuple[Met
         "roughness": comparison.roughness,
         "light": partial(comparison.of_object, encoding=encoding),
         "log_light": comparison.logarithms,
+        "albedo_error": lambda view, protocol: view.compared(),
     }
     compare = partial(ways.get(component, partial(comparison.pictures, encoding=encoding)), protocol=protocol)
     scores.record(component + suffix, views, compare, [metric for metric in metrics if metric.component == component])
@@ -214,6 +225,19 @@ def _aligned(scores: Scores, alignment: str, albedo: Views, suffix: str = "") ->
         return f"albedo cannot be aligned: {reason}"
     scores.albedo_scales[alignment + suffix] = factor.tolist()
     return [replace(view, predicted=view.predicted * factor) for view in albedo]
+
+
+def _split(albedo: Views, shown: Shown | None, protocol: Protocol) -> Views:
+    """The views of albedo with the parts of their error, or why it is not split."""
+    if isinstance(albedo, str):
+        return albedo
+    if shown is None:
+        return "the scene has no true mesh"
+    assert not isinstance(albedo, dict)  # of lights, which albedo has none of
+    try:
+        return [*split(albedo, shown, protocol)]
+    except Undefined as reason:
+        return str(reason)
 
 
 def drawn_scale(scales: Mapping[str, list[float] | None], alignment: str) -> list[float] | None:

@@ -9,7 +9,7 @@ import functools
 import socket
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, redirect_stdout
 from dataclasses import dataclass, field
 from functools import partial
@@ -51,6 +51,7 @@ class Compared:
             that reach over its edge find the same there.
         grey: The picture whose PSNR is the least that counts, None for no such floor.
         clipped: How many values of scored pixels were clipped, in prediction and truth.
+        parts: Of the squared error, by their names (:mod:`ia_bench.scores.error_split`); nothing where it is not split.
     """
 
     predicted: np.ndarray
@@ -60,6 +61,7 @@ class Compared:
     whole: bool = False
     grey: np.ndarray | None = None
     clipped: tuple[int, int] = (0, 0)
+    parts: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of_object(
@@ -92,6 +94,11 @@ def psnr(pair: Compared) -> float:
     """
     errors = [_squared_error(shown, pair.true, pair.area) for shown in (pair.predicted, pair.grey) if shown is not None]
     return float("inf") if min(errors) == 0 else -10.0 * float(np.log10(min(errors)))
+
+
+def part_of_error(pair: Compared, name: str) -> float:
+    """One of PARTS, a mean over the area's pixels and channels, times 1000; "total" is their sum."""
+    return 1000 * (sum(pair.parts.values()) if name == "total" else pair.parts[name])
 
 
 def ssim(pair: Compared) -> float:
@@ -236,7 +243,7 @@ class Metric:
 
     Attributes:
         component: What is measured, as in metrics.json: "albedo", "aligned_albedo", "view_synthesis", "relighting", "roughness",
-            "light" (by balls under it), "log_light".
+            "light" (by balls under it), "log_light", "albedo_error".
         name: The metric's own, as in metrics.json.
         of: Two pictures of one view -> a number. Raises Undefined where there is none.
         group: The component as the paper prints it.
@@ -288,6 +295,10 @@ def _image_metrics(component: str, group: str) -> tuple[Metric, ...]:
     )
 
 
+PARTS = {"level": "level, cast", "low": "low frequency", "high": "high frequency", "unseen": "unseen"}
+WHERE = "Where the error sits"
+"""What the squared error of the albedo is split into, and how it is printed."""
+
 METRICS = (
     *_image_metrics("albedo", "Albedo"),
     *_image_metrics("aligned_albedo", "Aligned albedo"),
@@ -301,6 +312,10 @@ MEASURED = (
     *METRICS,
     Metric("light", "psnr", psnr, "Light", "PSNR", higher_is_better=True, digits=2),
     Metric("log_light", "rmse", root_squared_error, "Light", "log RMSE", higher_is_better=False, digits=3),
+    *(
+        Metric("albedo_error", name, partial(part_of_error, name=name), WHERE, label, higher_is_better=False, digits=2)
+        for name, label in ({"total": "1000 MSE"} | PARTS).items()
+    ),
 )
 """These, and what stands in metrics.json alone."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Mesh, Scene, View
 from ia_bench.scores.balls import ball_pictures, log_radiance
 from ia_bench.scores.comparison import Predictions
+from ia_bench.scores.error_split import Shown
 from ia_bench.scores.evaluate import REDRAWN, Scores, albedo_scale, record_all, score, score_quick
 from ia_bench.scores.metrics import METRICS, Undefined, check_weights
 from ia_bench.scores.protocol import Protocol
@@ -148,7 +150,7 @@ class Scorer:
             self.drawn = exported, redrawn
         else:
             self.drawn = (reconstruction, own) if isinstance(reconstruction, TexturedReconstruction) else None
-        scores = score(own, truth, self._protocol, renderer=renderer)
+        scores = score(own, truth, self._protocol, renderer=renderer, shown=self._shown if truth.albedo is not None else None)
         if redrawn is not None:
             record_all(scores, redrawn, truth, METRICS, REDRAWN)
         if self.drawn is not None:
@@ -159,6 +161,14 @@ class Scorer:
             if name != "train" and name not in self._lights:
                 scores.reasons[f"per_image.relighting.{name}"] = "left out: the scene has no environment map of this light"
         return scores
+
+    @cached_property
+    def _shown(self) -> Shown | None:
+        """The true surface in the pixels of the test views; None where it is not known."""
+        truth, given = self._scene.truth, None if self._scene.mesh_is_made else self._scene.mesh
+        mesh = given if truth is None or truth.mesh is None else truth.mesh
+        cameras = [view.camera for view in self._scene.test]
+        return None if mesh is None else Shown.of(mesh, cameras, self._scene.train, self._device)
 
     def _geometry(self, recovered: Mesh | None) -> dict[str, Any]:
         """How far the mesh, recovered or made, is from the true one and from the masks; nothing where it is the scene's own."""

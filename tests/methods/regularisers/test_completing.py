@@ -14,7 +14,7 @@ from ia_bench.methods.contract import FitState, Problem
 from ia_bench.methods.regularisers import context
 from ia_bench.methods.regularisers.context import Context, effective_view_count
 from ia_bench.methods.regularisers.symmetry import LENGTH, NOISE, Symmetry, expected
-from ia_bench.methods.views import sees
+from ia_bench.render.gbuffer import sees
 from ia_bench.render.indirect import Atlas
 
 SIDE = 64

@@ -1,0 +1,156 @@
+"""Where the error of the albedo sits: the squared error of encoded albedo, before any alignment, as a sum of four parts.
+
+With e the error of a scored pixel, a what is left of it after one factor per channel, and b the smoothed a,
+
+    unseen:  e^2 where no photograph shows the pixel's surface, and elsewhere, where photographs do,
+    level:   e^2 - a^2, what a factor per channel takes away that makes the means over all views equal: brightness and cast;
+    low:     a b, what of the rest is the same all around on the surface: shading in the paint, patches;
+    high:    a (a - b), what is different from place to place: texture, noise, shadow edges.
+
+Low and high share their mixed term evenly, since a^2 = b^2 + (a - b)^2 + 2 b (a - b). Sums over pixels are what they say: a
+single pixel's ``low`` or ``level`` may be negative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from ia_bench.render.gbuffer import sees, trace_gbuffer
+from ia_bench.render.stage import Stage
+from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.scene import Camera, Mesh, View, farthest_first
+from ia_bench.scores.comparison import Pair
+from ia_bench.scores.metrics import PARTS, Compared, NoScoredPixel, Undefined
+from ia_bench.scores.protocol import Protocol
+
+WIDTH = 0.05  # of the Gaussian that smooths, over the diagonal of the surface's box
+CELLS = 2  # along that width; errors are smoothed on a grid
+STEPS = 6  # toward the factor, each of which leaves a small part of the error of the one before
+GAMMA = 2.2  # the power by which encoded values become linear, about
+DARKEST = 1e-6  # a mean below it is not told from black
+
+
+class Shown(NamedTuple):
+    """The N pixels of some views whose middle shows a surface.
+
+    Attributes:
+        position: (N, 3) in scene units.
+        normal: (N, 3), unit.
+        seen: (N,) bool, whether any photograph shows the place, as :func:`~ia_bench.render.gbuffer.sees` says.
+        entry: Of each view, (H, W) int: which of the N a pixel is, -1 for none.
+    """
+
+    position: np.ndarray
+    normal: np.ndarray
+    seen: np.ndarray
+    entry: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, mesh: Mesh, cameras: Sequence[Camera], photographs: Sequence[View], device: torch.device) -> Shown:
+        """What ``cameras`` see of a mesh, of which there are ``photographs`` of others."""
+        stage, entries, count = Stage(mesh, device), [], 0
+        parts = []
+        for camera in cameras:
+            gbuffer = trace_gbuffer([camera], stage.rays, 1, device)
+            parts.append(stage.surface(gbuffer.face[:, 0], gbuffer.barycentric[:, 0], gbuffer.seen_from()))
+            entry = gbuffer.entry_of_pixel().cpu().numpy().reshape(camera.height, camera.width)
+            entries.append(np.where(entry >= 0, entry + count, -1))
+            count += len(gbuffer.pixel)
+        position, normal, geometric = (torch.cat([getattr(p, n) for p in parts]) for n in ("position", "normal", "geometric"))
+        seen = torch.zeros(count, dtype=torch.bool, device=device)
+        middle = 0.5 * (mesh.vertices.min(0) + mesh.vertices.max(0))
+        for view in farthest_first(photographs, middle) if photographs else ():  # most places are found by the first few
+            left = torch.nonzero(~seen)[:, 0]
+            camera = photographs[view].camera
+            seen[left] = sees([camera], position[left], geometric[left], stage.rays, stage.surface.offset)[:, 0]
+        return cls(position.cpu().numpy(), normal.cpu().numpy(), seen.cpu().numpy(), tuple(entries))
+
+
+@dataclass(frozen=True)
+class SplitPair(Pair):
+    """One view and the parts of its error."""
+
+    parts: Mapping[str, float] = field(default_factory=dict)
+
+    def compared(self) -> Compared:
+        """What metrics take. Raises NoScoredPixel for a view without one."""
+        if not self.mask.any():
+            raise NoScoredPixel
+        return Compared(self.predicted, self.true, self.mask, parts=self.parts)
+
+
+def split(views: Sequence[Pair], shown: Shown, protocol: Protocol) -> list[SplitPair]:
+    """The parts of the error of every view of albedo, means over its scored pixels and channels.
+
+    Raises Undefined where no view has a scored pixel or the prediction is not finite in one.
+    """
+    at = np.concatenate([entry[view.mask] for view, entry in zip(views, shown.entry, strict=True)])
+    predicted, true = (np.concatenate([getattr(view, name)[view.mask] for view in views]) for name in ("predicted", "true"))
+    if not len(at):
+        raise NoScoredPixel
+    if not np.isfinite(predicted).all():
+        raise Undefined("the prediction is not finite")
+    seen = np.append(shown.seen, True)[at]  # the last for -1: an edge's pixel, whose middle shows nothing, has seen neighbours
+    encoded = _encoded(true, protocol)
+    before = _encoded(predicted, protocol) - encoded
+    after = _encoded(predicted * _factor(predicted[seen], encoded[seen], protocol), protocol) - encoded
+    smooth = np.zeros_like(after)
+    inside = seen & (at >= 0)
+    smooth[inside] = _smoothed(after[inside], shown.position[at[inside]], shown.normal[at[inside]])
+    squares = {
+        "unseen": before**2 * ~seen[:, None],
+        "level": (before**2 - after**2) * seen[:, None],
+        "low": after * smooth,
+        "high": after * (after - smooth) * seen[:, None],
+    }
+    ends = np.cumsum([int(view.mask.sum()) for view in views])[:-1]
+    of_view = {name: [float(part.mean()) if len(part) else 0.0 for part in np.split(squares[name], ends)] for name in PARTS}
+    return [SplitPair(**vars(view), parts={name: of_view[name][i] for name in PARTS}) for i, view in enumerate(views)]
+
+
+def _encoded(linear: np.ndarray, protocol: Protocol) -> np.ndarray:
+    return np.clip(linear_to_srgb(linear) if protocol.albedo_encoding == "srgb" else linear, 0.0, 1.0)
+
+
+def _factor(predicted: np.ndarray, encoded: np.ndarray, protocol: Protocol) -> np.ndarray:
+    """The factor (3,) of (N, 3) linear values that brings their encoded means to those of ``encoded``; 1 where there is none.
+
+    Means, for the factor of least squares would be too small beside noise, and so take away some of that.
+    """
+    factor = np.ones(3)
+    if len(predicted):
+        wanted = encoded.mean(0)
+        for _ in range(STEPS):
+            mean = _encoded(predicted * factor, protocol).mean(0)
+            factor = np.where((mean > DARKEST) & (wanted > DARKEST), factor * (wanted / np.maximum(mean, DARKEST)) ** GAMMA, 1.0)
+    return factor
+
+
+def _smoothed(values: np.ndarray, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Weighted means (N, 3) of ``values`` around places (N, 3), by a Gaussian of WIDTH.
+
+    Each place counts to six sheets, by how much its normal (N, 3) looks along +-x, +-y, +-z, so that both sides of something thin
+    stay apart (the squared cosines sum to one). A sheet is a grid of cells, which is smoothed with the count of places in it.
+    """
+    from scipy.ndimage import gaussian_filter  # only the scores of a whole run need it
+
+    if not len(values):
+        return values
+    low = position.min(0)
+    size = max(WIDTH / CELLS * float(np.linalg.norm(position.max(0) - low)), 1e-12)
+    cell = ((position - low) / size).astype(int)
+    shape = cell.max(0) + 1
+    flat = np.ravel_multi_index(tuple(cell.T), shape)
+    weights = np.concatenate([np.maximum(normal, 0) ** 2, np.minimum(normal, 0) ** 2], 1)
+    total, power = np.zeros_like(values), np.zeros(len(values))
+    for weight in weights.T:
+        sums = [np.bincount(flat, weight * column, shape.prod()).reshape(shape) for column in (*values.T, np.ones(len(flat)))]
+        *smooth, count = (gaussian_filter(one, CELLS, mode="constant").reshape(-1)[flat] for one in sums)
+        total += weight[:, None] * np.stack(smooth, 1)
+        power += weight * count
+    return total / np.maximum(power, 1e-12)[:, None]
