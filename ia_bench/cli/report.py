@@ -15,7 +15,7 @@ from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.report.collect import read_published
 from ia_bench.report.site.page import PARTS, draw_pictures, write_page
-from ia_bench.report.table import results_table
+from ia_bench.report.table import MAIN, OUR_TABLE, measured, results_table
 from ia_bench.report.value import write_value
 from ia_bench.report.write import Report, pipe_table, write_report
 from ia_bench.runs.cells import folders_with_cells
@@ -80,9 +80,10 @@ def finish(report: Report, out: Path, name: str) -> Path:
         gallery = draw_pictures(findings.runs, out / PAGE / PARTS, progress.note)
     page = write_page(findings, f"Table: {name}", out / PAGE, gallery)
     lines = [
-        f"Protocol {findings.protocol}, mean over scenes\n",
         *findings.warnings,
-        pipe_table(results_table(findings.overall, findings.footnotes)),
+        f"Protocol {findings.protocol}, mean over scenes. {findings.made_alike}\n",
+        *([OUR_TABLE.replace("\n", " "), ""] if findings.counterparts else []),
+        pipe_table(results_table(findings.overall, findings.footnotes, measured(findings.overall, MAIN), {})),
         *(f"[^{number}]: {reason}" for reason, number in findings.footnotes.items()),
         *(f"{row.name}: {row.note}" for row in findings.table.crossed_rows if row.note),
         "",

@@ -38,7 +38,7 @@ from ia_bench.common.settings import parsed
 from ia_bench.report.curves import read_curve
 from ia_bench.runs.folder import CURVE
 from ia_bench.runs.record import CHANGED, METRICS_FILE, RunRecord, RunSetup, row_seconds
-from ia_bench.scores.metrics import METRIC_OF, METRICS
+from ia_bench.scores.metrics import MEASURED, METRIC_OF
 
 Runs: TypeAlias = pd.DataFrame
 Record = dict[str, Any]
@@ -53,7 +53,7 @@ CELL = ("row", "scene", "seed")
 TEXTS = ("row", "scene", "problem", "protocol", "sees_truth", "capture", "preset", "commit", "clean", "cpu", "config_hash")
 WHOLE = ("seed", "photographs", "threads", "peak_memory_bytes", "rays", "network_calls")
 KEPT = ("folder", "reasons", "curve", "curve_problem")  # never written
-SCORES = tuple(metric.column for metric in METRICS)
+SCORES = tuple(metric.column for metric in MEASURED)
 TIMES, RESCORED = "seconds_", "rescored_from_"  # what the columns of phases, and of the run behind a new score, begin with
 DECLARED = "declared"  # what the columns begin with that hold what is said of results made elsewhere
 
@@ -139,7 +139,7 @@ def read_run(folder: Path) -> Record:
     net = f"lpips.net={lpips.get('net', 'unknown') if isinstance(lpips, dict) else 'unknown'}"
     found |= {
         "protocol": record.protocol if "lpips.net=" in record.protocol else f"{record.protocol} ({net})",
-        **{metric.column: record.score(metric.key) for metric in METRICS},
+        **{metric.column: record.score(metric.key) for metric in MEASURED},
         **{f"{group}_{name}": value for group, values in variants.items() for name, value in values.items()},
         **{f"{TIMES}{phase}": seconds for phase, seconds in record.time_s.items()},
         **{f"{RESCORED}{key}": value for key, value in record.rescored_from.items()},
@@ -149,7 +149,7 @@ def read_run(folder: Path) -> Record:
         "network_calls": record.network_calls,
         **_declared(record),
         "photographs": views if type(views) is int and views > 0 else None,
-        "reasons": {**{metric.key: NOT_SCORED for metric in METRICS if record.score(metric.key) is None}, **record.reasons},
+        "reasons": {**{metric.key: NOT_SCORED for metric in MEASURED if record.score(metric.key) is None}, **record.reasons},
     }
     try:
         return {**found, "curve": read_curve(folder / CURVE)}
@@ -203,7 +203,7 @@ def _published(where: str, line: Mapping[str, str]) -> Record:
     found["config_hash"] = found.get("config_hash", "")[:HASH_DIGITS] or None
     if found.get("commit"):
         found.setdefault("clean", not found["commit"].endswith(CHANGED))
-    return found | {"reasons": {m.key: NOT_SCORED for m in METRICS if m.column not in line} | _reasons(reason)}
+    return found | {"reasons": {m.key: NOT_SCORED for m in MEASURED if not line.get(m.column)} | _reasons(reason)}
 
 
 def _value_of(column: str, text: str) -> tuple[Any, str]:
@@ -257,9 +257,10 @@ def _cell_of(folder: Path) -> Record:
 def reasons_text(run: Mapping[str, Any]) -> str:
     """Why scores of a run are undefined, as runs.csv has it: "key, key: why; key: why"."""
     keys: dict[str, list[str]] = {}
-    for metric in METRICS:
-        if np.isnan(run[metric.column]):
-            keys.setdefault(reason_of(run["reasons"], metric.key), []).append(metric.key)
+    for metric in MEASURED:
+        why = reason_of(run["reasons"], metric.key)
+        if np.isnan(run[metric.column]) and why != NOT_SCORED:
+            keys.setdefault(why, []).append(metric.key)
     return "; ".join(f"{', '.join(mine)}: {reason}" for reason, mine in keys.items())
 
 

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import pandas as pd
+
 from ia_bench.common.settings import flat
-from ia_bench.report.collect import Collection, Runs, finished, name_of, reason_of, setup_of
-from ia_bench.report.statistics import Block, Estimate, Paired, Verdict, block, judge, means, paired, side_by_side
+from ia_bench.report.blocks import Block, block
+from ia_bench.report.collect import NOT_SCORED, Collection, Runs, finished, name_of, reason_of, setup_of
+from ia_bench.report.statistics import Estimate, Paired, Verdict, judge, means, paired, side_by_side
 from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, counterparts, paper_rows
 from ia_bench.report.worth import Gain, gains
 from ia_bench.runs.table import Table
-from ia_bench.scores.metrics import METRICS
+from ia_bench.scores.metrics import MEASURED
 
 MEAN = "mean over scenes"
 OF_EACH_RUN = ("seed", "scene", "threads", "rescored_from")
@@ -21,6 +24,8 @@ OF_EACH_RUN = ("seed", "scene", "threads", "rescored_from")
 MOST = 5
 """So many things that differ are named, with their values; of more, how many there are."""
 MADE_BY = {"preset": "presets", "threads": "numbers of threads", "commit": "commits", "cpu": "processors"}
+RECORDED = ("preset", "threads", "commit")
+"""Of these, what has to be alike for numbers to compare."""
 UNKNOWN = "unknown"
 
 
@@ -62,7 +67,7 @@ class Findings:
     @cached_property
     def differences(self) -> dict[str, dict[str, Paired]]:
         """Row -> metric -> row minus ``reference``; nothing without one."""
-        scores = {metric.key: side_by_side(self.runs, metric) for metric in METRICS}
+        scores = {metric.key: side_by_side(self.runs, metric) for metric in MEASURED}
         rows = [row for row in self.rows if self.reference not in (None, row)]
         return {row: {key: paired(table, row, str(self.reference)) for key, table in scores.items()} for row in rows}
 
@@ -82,10 +87,13 @@ class Findings:
         """Every reason of an undefined score once -> its metrics and runs."""
         found: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
         done = finished(self.runs)
-        for metric in METRICS:
-            for run in done[done[metric.column].isna()].to_dict("records"):
-                keys, names = found.setdefault(reason_of(run["reasons"], metric.key), ({}, {}))
-                keys[metric.key] = names[name_of(run)] = None
+        for metric in MEASURED:
+            missing = done[metric.column].isna()
+            for run in done[missing].to_dict("records"):
+                why = reason_of(run["reasons"], metric.key)
+                if why != NOT_SCORED or not missing.all():
+                    keys, names = found.setdefault(why, ({}, {}))
+                    keys[metric.key] = names[name_of(run)] = None
         return {
             reason: f"{', '.join(keys)} in {'; '.join(names) if len(names) <= 3 else f'{len(names)} runs'}"
             for reason, (keys, names) in found.items()
@@ -101,12 +109,19 @@ class Findings:
         """A sentence per failed run."""
         return [f"{name_of(run)}: {run['problem']}" for run in self.runs[self.runs["problem"].notna()].to_dict("records")]
 
+    @cached_property
+    def _made(self) -> pd.DataFrame:
+        """By what every run was made, as texts; commits are cut to 12 digits, as some records have them."""
+        made = self.runs[list(MADE_BY)].astype(object)
+        made = made.where(made.notna(), UNKNOWN).astype(str)
+        return made.assign(commit=made["commit"].str.replace(r"^([0-9a-f]{12})[0-9a-f]+", r"\1", regex=True))
+
     @property
     def warnings(self) -> list[str]:
         """A sentence for everything in which finished runs differ that should be alike, or that nobody could run again."""
         found, done = [], finished(self.runs)
-        for name in ("preset", "threads", "commit"):
-            counts = done[name].astype(object).where(done[name].notna(), UNKNOWN).value_counts()
+        for name in RECORDED:
+            counts = self._made.loc[done.index, name].value_counts()
             if len(counts) > 1:
                 said = _some([f"{value} ({count})" for value, count in counts.items()])
                 found.append(f"Runs of different {MADE_BY[name]} stand side by side: {said}.")
@@ -114,11 +129,28 @@ class Findings:
         return [*found, f"{dirty} of {len(done)} runs were made by changed code, not by that of a commit."] if dirty else found
 
     @property
+    def made(self) -> dict[str, dict[str, str]]:
+        """Row -> its preset, threads and commit, with commas between where its runs differ."""
+        rows = {row: self._made.loc[mine.index, list(RECORDED)] for row, mine in self.runs.groupby("row", sort=False)}
+        return {row: {name: ", ".join(dict.fromkeys(some[name])) for name in RECORDED} for row, some in rows.items()}
+
+    @property
+    def made_apart(self) -> dict[str, dict[str, str]]:
+        """Of preset, threads and commit those in which runs differ: its title -> row -> its values."""
+        apart = [name for name in RECORDED if self._made[name].nunique() > 1]
+        return {name.capitalize(): {row: made[name] for row, made in self.made.items()} for name in apart}
+
+    @property
+    def made_alike(self) -> str:
+        """The others, in a sentence; empty where there are none."""
+        alike = [f"{name} {self._made[name].iloc[0]}" for name in RECORDED if self._made[name].nunique() == 1]
+        return f"Every run: {', '.join(alike)}." if alike else ""
+
+    @property
     def origins(self) -> list[tuple[str, ...]]:
         """The ways in which runs were made, the most frequent first: runs, preset, threads, commit, processor, rows."""
-        made = self.runs[list(MADE_BY)].astype(object)
-        made, found = made.where(made.notna(), UNKNOWN).astype(str), []
-        for labels, mine in self.runs.groupby([made[name] for name in MADE_BY]):
+        found = []
+        for labels, mine in self.runs.groupby([self._made[name] for name in MADE_BY]):
             rows = list(dict.fromkeys(mine["row"]))
             found.append((len(mine), *labels, "all" if len(rows) == self.runs["row"].nunique() else "; ".join(rows)))
         return [(str(count), *rest) for count, *rest in sorted(found, key=lambda one: -one[0])]

@@ -1,46 +1,62 @@
 """Means and 95 % intervals over seeds and scenes, differences of rows, and what they decide. Failed runs enter no mean.
 
-Seeds are repetitions: a scene's value is the mean over its seeds, with Student's t interval. Scenes are not: the
-overall value is the plain mean of the scenes' means, and its interval tells how much *other seeds on the same scenes*
-would move it (Welch-Satterthwaite). To compare two rows, their scenes and seeds are paired (:class:`Paired`).
+Seeds are repetitions: a scene's value is the mean over its seeds, with Student's t interval. Scenes are a sample of their kind: the
+overall value is the plain mean of the scenes' means, and has two intervals. The one over seeds tells how far *other seeds on the
+same scenes* would move it (Welch-Satterthwaite), the one over scenes how far *other scenes* would (Student). To compare two rows,
+their scenes and seeds are paired (:class:`Paired`). What many comparisons decide together is corrected by Holm (:func:`holm`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import pandas as pd
+from scipy.stats import binomtest
 from scipy.stats import t as student
 
-from ia_bench.report.collect import CELL, Runs, finished, reason_of
+from ia_bench.report.collect import CELL, Runs, finished
 from ia_bench.runs.table import Claim
-from ia_bench.scores.metrics import METRIC_OF, METRICS, Metric
+from ia_bench.scores.metrics import METRIC_OF, Metric
 
 CONFIDENCE = 0.95
-HOW_JUDGED = """\
+ENOUGH_SIGNS = 8
+"""From so many scenes on a sign test is printed: of fewer, it decides nothing or nearly so."""
+INTERVALS = """\
+± are 95 % intervals, "over seeds / over scenes": how far other seeds on the same scenes would move the mean, and how far other
+scenes of this kind would. A difference has a third, "/ new scene": where that of one more scene would lie. – where nothing was
+repeated."""
+"""The one convention of all tables; the same words stand in report.md, in table.tex and on the page."""
+HOW_DECIDED = """\
+Each p-value is that of the paired t-test over scenes (over seeds, where there is one scene). Decided is what survives Holm's
+correction at 5 % among {family}; "alone" is what would be decided only if it stood alone; all else is undecided."""
+HOW_JUDGED = f"""\
 A row is claimed to be above another one, and judged with our small prior on our own scenes, not with those of the paper. The
-difference is positive where the row is above, seed by seed on the same scenes, ± the 95 % interval over seeds / over scenes.
-Reproduced: the interval over seeds lies above zero; not reproduced: below it; undecided: around it, or there is none. Carried by:
-the run without which the mean is zero or has the other sign; ‡ the same within a scene. Every line is judged alone, without a
-correction for their number."""
+difference is positive where the row is above, seed by seed on the same scenes. {
+    HOW_DECIDED.format(family="all metrics of all claims here")
+} Decided are "reproduced", where the row is above, and "not reproduced", where it is below. Carried by: the run without which the
+mean is zero or has the other sign; ‡ the same within a scene."""
 """What a reader has to know of the table of claims; the same words stand in report.md and on the page."""
 
-Outcome = Literal["reproduced", "not reproduced", "undecided"]
+Outcome = Literal["reproduced", "not reproduced", "reproduced alone", "not reproduced alone", "undecided"]
+OUTCOMES: tuple[Outcome, ...] = ("reproduced", "not reproduced", "reproduced alone", "not reproduced alone", "undecided")
 Scores = dict[str, dict[tuple[str, int], float]]
 """Row -> (scene, seed) -> score."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """``mean`` over ``scenes`` scenes, plus or minus ``half_width`` (95 %), None where nothing was repeated."""
+    """``mean`` over ``scenes`` scenes, plus or minus ``half_width`` over seeds and ``wider`` over scenes (95 %).
+
+    A width is None where nothing was repeated.
+    """
 
     mean: float
     half_width: float | None
     scenes: int = 1
+    wider: float | None = None
 
 
 @dataclass(frozen=True)
@@ -55,6 +71,11 @@ class Paired:
         return [np.array(list(seeds.values())) for seeds in self.pairs.values()]
 
     @property
+    def scenes(self) -> np.ndarray:
+        """The mean difference of every scene."""
+        return np.array([seeds.mean() for seeds in self.seeds])
+
+    @property
     def over_seeds(self) -> Estimate | None:
         """The mean, with the interval within which other seeds on the same scenes would move it."""
         return over_scenes(self.seeds)
@@ -62,8 +83,39 @@ class Paired:
     @property
     def over_scenes(self) -> Estimate | None:
         """The same mean, with Student's interval over scenes: whether the difference would hold on others of this kind."""
-        estimate = over_seeds([float(seeds.mean()) for seeds in self.seeds])
-        return estimate and Estimate(estimate.mean, estimate.half_width, len(self.pairs))
+        found = self.over_seeds
+        return found and Estimate(found.mean, found.wider, found.scenes)
+
+    @property
+    def new_scene(self) -> float | None:
+        """Half the width of Student's 95 % prediction interval around the mean, in which the difference on one more scene lies.
+
+        t(.975) s sqrt(1 + 1/n) for n scenes whose means have the standard deviation s; None for a single scene.
+        """
+        width = half_width(self.scenes)
+        return None if width is None else width * math.sqrt(len(self.pairs) + 1)
+
+    @property
+    def p_value(self) -> float | None:
+        """Of the two-sided paired t-test over scenes that the mean is zero, or over seeds where there is one scene.
+
+        None where nothing was repeated.
+        """
+        values = self.scenes if len(self.pairs) > 1 else np.concatenate([*self.seeds, []])
+        if len(values) < 2:
+            return None
+        error = float(values.std(ddof=1)) / math.sqrt(len(values))
+        if error == 0:
+            return 1.0 if values.mean() == 0 else 0.0
+        return float(2 * student.sf(abs(values.mean()) / error, len(values) - 1))
+
+    @property
+    def signs(self) -> tuple[int, int, float] | None:
+        """Scenes above zero, scenes that are not zero, and the two-sided sign test's p-value; None below ENOUGH_SIGNS scenes."""
+        above, below = int((self.scenes > 0).sum()), int((self.scenes < 0).sum())
+        if len(self.pairs) < ENOUGH_SIGNS or not above + below:
+            return None
+        return above, above + below, float(binomtest(above, above + below).pvalue)
 
     @property
     def carriers(self) -> list[tuple[str, int]]:
@@ -93,7 +145,8 @@ class Paired:
 class Verdict:
     """What the runs say about one metric of a claim that row ``better`` is above row ``worse``.
 
-    ``pairs``: better minus worse, positive where the claim holds; ``complete``: whether the rows share runs in every scene.
+    ``pairs``: better minus worse, positive where the claim holds; ``complete``: whether the rows share runs in every scene;
+    ``survives``: whether it is decided among all claims of its table.
     """
 
     better: str
@@ -101,70 +154,22 @@ class Verdict:
     metric: Metric
     pairs: Paired
     complete: bool
+    survives: bool = False
+
+    @property
+    def p_value(self) -> float | None:
+        """None also where a scene is missing: what survives of a row that failed elsewhere says nothing about the table."""
+        return self.pairs.p_value if self.complete else None
 
     @property
     def outcome(self) -> Outcome:
-        """Undecided also where a scene is missing, and without an interval, which needs two seeds of both rows in every scene."""
-        found = self.pairs.over_seeds
-        if found is None or found.half_width is None or not self.complete or abs(found.mean) <= found.half_width:
+        """Decided where it ``survives``; undecided also where there is no p-value."""
+        if not is_small(self.p_value):
             return "undecided"
-        return "reproduced" if found.mean > 0 else "not reproduced"
-
-
-@dataclass(frozen=True)
-class Leader:
-    """The best ``row`` of a metric among those that do not see the truth and have every one of ``scenes`` scenes.
-
-    ``value``: its mean; ``second``: the next row, None where it is alone; ``lead``: best minus second, positive is better.
-    """
-
-    row: str
-    value: Estimate
-    second: str | None
-    lead: Paired
-    scenes: int
-
-    @property
-    def sure(self) -> str:
-        """How sure the lead is, in words: decided where its interval over seeds lies above zero, with pairs in every scene."""
-        found = self.lead.over_seeds
-        if self.second is None:
-            return "the only row"
-        if found is None or found.half_width is None or len(self.lead.pairs) < self.scenes:
-            return "too few seeds in common: how sure is unknown"
-        if abs(found.mean) <= found.half_width:
-            return "undecided: other seeds may turn it"
-        return "decided over seeds" if found.mean > 0 else "behind on shared seeds"
-
-
-@dataclass(frozen=True)
-class Line:
-    """One row of a table, over one scene or over all."""
-
-    row: str  # its name
-    sees_truth: bool  # whether a run of it saw the ground truth
-    values: dict[str, Estimate | None]  # metric key -> estimate, None where undefined
-    reasons: dict[str, tuple[str, ...]]  # metric key -> why finished runs have no value, each reason once
-    seconds: Estimate | None  # mean over scenes and seeds
-    peak_memory_bytes: float | None  # the largest of its runs
-    failed: int  # number of failed runs, of ``runs``
-    runs: int  # number of runs
-    declared: bool = False  # whether its results were made elsewhere, so that its seconds are what somebody says
-
-
-@dataclass(frozen=True)
-class Block:
-    """The lines of all rows over one scene, or over all ``scenes`` of them, and the leader of every metric that has one."""
-
-    title: str
-    lines: tuple[Line, ...]
-    leaders: dict[str, Leader]
-    scenes: int = 1
-
-    def is_best(self, row: str, metric: Metric) -> bool:
-        """Whether a row stands in bold: it leads, and that is decided."""
-        leader = self.leaders.get(metric.key)
-        return leader is not None and leader.row == row and leader.sure == "decided over seeds"
+        holds = self.pairs.scenes.mean() > 0
+        if self.survives:
+            return "reproduced" if holds else "not reproduced"
+        return "reproduced alone" if holds else "not reproduced alone"
 
 
 def over_seeds(values: Sequence[float]) -> Estimate | None:
@@ -172,25 +177,52 @@ def over_seeds(values: Sequence[float]) -> Estimate | None:
     return over_scenes([values]) if values else None
 
 
+def half_width(values: np.ndarray) -> float | None:
+    """Of Student's interval around the mean of independent values; None below two."""
+    if len(values) < 2:
+        return None
+    return float(student.ppf(0.5 + CONFIDENCE / 2, len(values) - 1) * values.std(ddof=1)) / math.sqrt(len(values))
+
+
 def over_scenes(values: Sequence[Sequence[float] | np.ndarray]) -> Estimate | None:
     """Mean over scenes of the mean over each scene's seeds; scenes without a value are left out and not counted.
 
-    The interval needs two seeds in every scene: standard error sqrt(sum s_i^2 / n_i) / S over S scenes, with Welch and
+    The interval over seeds needs two of them in every scene: standard error sqrt(sum s_i^2 / n_i) / S over S scenes, with Welch and
     Satterthwaite's degrees of freedom.
     """
     scenes = [np.asarray(seeds, dtype=np.float64) for seeds in values if len(seeds)]
     if not scenes:
         return None
-    mean = float(np.mean([seeds.mean() for seeds in scenes]))
+    each = np.array([seeds.mean() for seeds in scenes])
+    found = Estimate(float(each.mean()), None, len(scenes), half_width(each))
     if min(map(len, scenes)) < 2:
-        return Estimate(mean, None, len(scenes))
+        return found
     variances = np.array([seeds.var(ddof=1) / len(seeds) for seeds in scenes])
     total = variances.sum()
     if total == 0:
-        return Estimate(mean, 0.0, len(scenes))
+        return replace(found, half_width=0.0)
     freedom = total**2 / sum(v**2 / (len(seeds) - 1) for v, seeds in zip(variances, scenes, strict=True))
-    half_width = float(student.ppf(0.5 + CONFIDENCE / 2, freedom)) * math.sqrt(total) / len(scenes)
-    return Estimate(mean, half_width, len(scenes))
+    return replace(found, half_width=float(student.ppf(0.5 + CONFIDENCE / 2, freedom)) * math.sqrt(total) / len(scenes))
+
+
+def is_small(p_value: float | None) -> bool:
+    """Whether a p-value decides something that stands alone."""
+    return p_value is not None and p_value <= 1 - CONFIDENCE
+
+
+def holm(p_values: Sequence[float | None]) -> list[bool]:
+    """Which hypotheses of a family are rejected, so that with probability .95 none is rejected wrongly (Holm 1979).
+
+    Of m p-values the k-th smallest is rejected if it is at most .05 / (m - k + 1), as are all before it. None was not tested, and
+    does not count.
+    """
+    known = sorted((value, place) for place, value in enumerate(p_values) if value is not None)
+    found = [False] * len(p_values)
+    for rank, (value, place) in enumerate(known):
+        if value > (1 - CONFIDENCE) / (len(known) - rank):
+            break
+        found[place] = True
+    return found
 
 
 def means(runs: Runs, column: str) -> dict[str, Estimate | None]:
@@ -227,54 +259,20 @@ def better(scores: Scores, row: str, other: str, metric: Metric) -> Paired:
 
 
 def judge(runs: Runs, claims: Sequence[Claim], scenes: Sequence[str]) -> list[Verdict]:
-    """One verdict for every metric of every claim about ``scenes``, over the scenes and seeds that both rows have."""
+    """One verdict for every metric of every claim about ``scenes``, over the scenes and seeds that both rows have.
+
+    All of them are one family: whether one ``survives`` depends on how many there are.
+    """
     verdicts = []
     for claim in claims:
         for metric in map(METRIC_OF.__getitem__, claim.metrics):
             pairs = better(side_by_side(runs, metric), claim.better, claim.worse, metric)
             verdicts.append(Verdict(claim.better, claim.worse, metric, pairs, pairs.pairs.keys() >= set(scenes)))
-    return verdicts
+    survivors = holm([one.p_value for one in verdicts])
+    return [replace(one, survives=survives) for one, survives in zip(verdicts, survivors, strict=True)]
 
 
 def tally(verdicts: Sequence[Verdict]) -> str:
     """How many verdicts there are of each kind, in a sentence."""
     found = [one.outcome for one in verdicts]
-    counts = (f"{found.count(outcome)} {outcome}" for outcome in ("reproduced", "not reproduced", "undecided"))
-    return f"With our small prior: {', '.join(counts)}."
-
-
-def block(runs: Runs, rows: Sequence[str], scenes: Sequence[str], title: str) -> Block:
-    """Summarise the runs of ``scenes``, a line for every row."""
-    runs = runs[runs["scene"].isin(scenes)]
-    estimates = {metric.key: means(runs, metric.column) for metric in METRICS}
-    seconds, groups, lines = means(runs, "seconds"), dict(iter(runs.groupby("row"))), []
-    for row in rows:
-        mine = groups.get(row, runs.iloc[:0])
-        done = finished(mine)
-        reasons = {m.key: done.loc[done[m.column].isna(), "reasons"] for m in METRICS}
-        memory = done["peak_memory_bytes"].max()
-        lines.append(
-            Line(
-                row=row,
-                sees_truth=bool(mine["sees_truth"].eq(True).any()),
-                values={key: found.get(row) for key, found in estimates.items()},
-                reasons={key: tuple(dict.fromkeys(reason_of(one, key) for one in found)) for key, found in reasons.items()},
-                seconds=seconds.get(row),
-                peak_memory_bytes=None if pd.isna(memory) else int(memory),
-                failed=len(mine) - len(done),
-                runs=len(mine),
-                declared="declared" in mine and bool(mine["declared"].notna().any()),
-            )
-        )
-    leaders = {metric.key: _leader(runs, lines, metric, len(scenes)) for metric in METRICS}
-    return Block(title, tuple(lines), {key: found for key, found in leaders.items() if found is not None}, len(scenes))
-
-
-def _leader(runs: Runs, lines: Sequence[Line], metric: Metric, scenes: int) -> Leader | None:
-    known = [(one.row, one.values[metric.key]) for one in lines if not one.sees_truth]
-    ranked = [(row, value) for row, value in known if value is not None and value.scenes == scenes]
-    if not ranked:
-        return None
-    ranked.sort(key=lambda entry: -entry[1].mean if metric.higher_is_better else entry[1].mean)
-    (row, value), second = ranked[0], ranked[1][0] if len(ranked) > 1 else None
-    return Leader(row, value, second, better(side_by_side(runs, metric), row, second or row, metric), scenes)
+    return f"With our small prior: {', '.join(f'{found.count(outcome)} {outcome}' for outcome in OUTCOMES)}."

@@ -1,16 +1,22 @@
-"""The report's tables as header and cells, which Markdown and LaTeX print alike, and the paper's own table."""
+"""The report's tables as header and cells, which Markdown and LaTeX print alike, and the paper's own table.
+
+A metric that is new is shown as its group says: those of the paper and of the light stand in the main table, all others in a table
+of their own, ERROR_SPLIT.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 
 from ia_bench.common.errors import InputError
-from ia_bench.report.statistics import Block, Estimate, Paired, Verdict
-from ia_bench.scores.metrics import METRICS, Metric
+from ia_bench.report.blocks import PSNRS, Block
+from ia_bench.report.collect import NOT_SCORED
+from ia_bench.report.statistics import Estimate, Paired, Verdict
+from ia_bench.scores.metrics import MEASURED, METRICS, Metric
 
 BOUNDS = {"ceiling": "ceiling", "constant": "floor"}
 """Rows that optimise nothing and bound all others, and what they are: the truth rendered, and one grey."""
@@ -19,6 +25,18 @@ COSTS = ("Seconds", "Peak memory", "Failed")
 ORIGINS = ("Runs", "Preset", "Threads", "Commit", "Processor", "Rows")
 """How runs were made: the columns of :attr:`ia_bench.report.findings.Findings.origins`."""
 HEADLINE = ("PSNR", "MSE")  # labels of the metrics that are compared with the paper's
+MAIN = tuple(metric for metric in MEASURED if metric.group == "Light" or metric in METRICS and metric.label in HEADLINE)
+"""What a table is read by first."""
+PARTS = {
+    "": MAIN,
+    "SSIM and LPIPS": tuple(metric for metric in METRICS if metric not in MAIN),
+    "Where the error sits": tuple(metric for metric in MEASURED if metric not in (*METRICS, *MAIN)),
+}
+"""Title of a part of the results, the main one without -> its metrics."""
+OUR_TABLE = """\
+This is our table after the paper's table 1. Its scenes are our own objects, of which hat and ship only
+bear names of the paper's. Renderer, protocol and priors, which are small, are ours as well."""
+"""What stands first where rows stand for the paper's."""
 
 
 @dataclass(frozen=True)
@@ -71,25 +89,39 @@ def best_paper_methods(rows: Sequence[PaperRow], metric: Metric) -> set[str]:
     return {row.method for row in rows if row.values[metric.key] == best}
 
 
+def widths_text(widths: Sequence[float | None], metric: Metric) -> str:
+    """Half widths as "0.12 / 0.80", – for one that is None; empty where all are."""
+    texts = ["–" if width is None else metric.text(width) for width in widths]
+    return "" if set(texts) == {"–"} else " / ".join(texts)
+
+
 def estimate_text(value: Estimate | None, metric: Metric, scenes: int) -> str:
-    """The mean, the interval where there is one, and the number of scenes where some are missing; – for no value."""
+    """The mean, "± over seeds / over scenes", and the number of scenes where some are missing; – for no value."""
     if value is None:
         return "–"
-    interval = "" if value.half_width is None else f" ± {metric.text(value.half_width)}"
+    widths = widths_text([value.half_width, value.wider][: 1 if scenes == 1 else 2], metric)
     missing = f" ({value.scenes}/{scenes})" if value.scenes < scenes else ""
-    return f"{metric.text(value.mean)}{interval}{missing}"
+    return f"{metric.text(value.mean)}{widths and f' ± {widths}'}{missing}"
 
 
 def difference_text(pairs: Paired, metric: Metric, scenes: int = 1) -> str:
-    """The mean with its sign, "± over seeds / over scenes" (– where nothing was repeated), ‡ where one pair carries it."""
-    value, wider = pairs.over_seeds, pairs.over_scenes
-    if value is None or wider is None:
+    """The mean with its sign, "± over seeds / over scenes / new scene", ‡ where one pair carries it."""
+    value = pairs.over_seeds
+    if value is None:
         return "–"
-    widths = [value.half_width] if scenes == 1 else [value.half_width, wider.half_width]
-    texts = ["–" if width is None else metric.text(width) for width in widths]
-    interval = "" if set(texts) == {"–"} else f" ± {' / '.join(texts)}"
+    widths = widths_text([value.half_width, value.wider, pairs.new_scene][: 1 if scenes == 1 else 3], metric)
     missing = f" ({value.scenes}/{scenes})" if value.scenes < scenes else ""
-    return f"{value.mean:+.{metric.digits}f}{interval}{missing}{' ‡' if pairs.carriers else ''}"
+    return f"{value.mean:+.{metric.digits}f}{widths and f' ± {widths}'}{missing}{' ‡' if pairs.carriers else ''}"
+
+
+def p_text(value: float | None) -> str:
+    """A p-value with two digits, – for none."""
+    return "–" if value is None else "< 0.0001" if value < 1e-4 else f"{value:.2g}"
+
+
+def signs_text(pairs: Paired) -> str:
+    """In how many scenes the difference is above zero, with the sign test's p-value: "7 of 8 (p 0.07)"; – for too few scenes."""
+    return "–" if pairs.signs is None else "{} of {} (p {})".format(*pairs.signs[:2], p_text(pairs.signs[2]))
 
 
 def carried_text(pairs: Paired) -> str:
@@ -97,32 +129,56 @@ def carried_text(pairs: Paired) -> str:
     return ", or ".join(f"seed {seed} on {scene}" for scene, seed in pairs.carriers)
 
 
-def measured(block: Block) -> list[Metric]:
-    """The metrics that some row has; a column without a number is left out."""
-    return [metric for metric in METRICS if any(one.values[metric.key] is not None for one in block.lines)]
+def measured(block: Block, metrics: Sequence[Metric] = MEASURED) -> list[Metric]:
+    """Those of the metrics that some row has; a column without a number is left out."""
+    return [metric for metric in metrics if any(one.values[metric.key] is not None for one in block.lines)]
 
 
 def left_out(block: Block) -> list[str]:
     """A sentence for every column that is left out, with its reasons: "Roughness MSE: no true roughness"."""
-    missing = [metric for metric in METRICS if metric not in measured(block)]
-    reasons = {m: dict.fromkeys(reason for one in block.lines for reason in one.reasons[m.key]) for m in missing}
-    return [f"{metric.title}: {'; '.join(reasons[metric]) or 'every run failed'}" for metric in missing]
+    found = []
+    for metric in [one for one in MEASURED if one not in measured(block)]:
+        reasons = dict.fromkeys(reason for one in block.lines for reason in one.reasons[metric.key])
+        if metric in METRICS or {*reasons} - {NOT_SCORED}:  # of what is newer than all records nobody has to know
+            found.append(f"{metric.title}: {'; '.join(reasons) or 'every run failed'}")
+    return found
 
 
-def results_table(block: Block, notes: Mapping[str, int], metrics: Sequence[Metric] = METRICS) -> Printed:
-    """The ``metrics`` and costs of every row; ``notes`` numbers the reasons of what is undefined."""
+def parts(block: Block) -> list[tuple[str, list[Metric]]]:
+    """The PARTS that some row has a number of."""
+    return [(title, some) for title, metrics in PARTS.items() if (some := measured(block, metrics))]
+
+
+def results_table(
+    block: Block,
+    notes: Mapping[str, int],
+    metrics: Sequence[Metric] = MAIN,
+    made: Mapping[str, Mapping[str, str]] | None = None,
+    widths: bool = True,
+) -> Printed:
+    """The ``metrics`` of every row; ``notes`` numbers the reasons of what is undefined.
+
+    ``made``: title of a further column -> row -> its text, behind what the row costs; None: neither costs nor these. ``widths``:
+    whether means have their intervals.
+    """
     body = []
     for one in block.lines:
         bound = f" ({BOUNDS[one.row]})" if BOUNDS.get(one.row, one.row) != one.row else ""
         cells: list[Entry | str] = [f"{one.row}{bound}{' †' if one.sees_truth else ''}"]
         for metric in metrics:
-            text = estimate_text(one.values[metric.key], metric, block.scenes)
-            why = tuple(notes[reason] for reason in one.reasons[metric.key])
+            value = one.values[metric.key]
+            text = estimate_text(
+                value if widths or value is None else replace(value, half_width=None, wider=None), metric, block.scenes
+            )
+            why = tuple(notes[reason] for reason in one.reasons[metric.key] if reason in notes)
             cells.append(Entry(text, block.is_best(one.row, metric), why))
-        seconds = "–" if one.seconds is None else f"{one.seconds.mean:.1f}{' (declared)' if one.declared else ''}"
-        memory = "–" if one.peak_memory_bytes is None else f"{one.peak_memory_bytes / 2**20:.0f} MiB"
-        body.append([*cells, seconds, memory, f"{one.failed}/{one.runs}"])
-    return Printed(["Row", *(metric.title for metric in metrics), *COSTS], body)
+        if made is not None:
+            seconds = "–" if one.seconds is None else f"{one.seconds.mean:.1f}{' (declared)' if one.declared else ''}"
+            memory = "–" if one.peak_memory_bytes is None else f"{one.peak_memory_bytes / 2**20:.0f} MiB"
+            cells += [seconds, memory, f"{one.failed}/{one.runs}", *(texts.get(one.row, "–") for texts in made.values())]
+        body.append(cells)
+    more = [] if made is None else [*COSTS, *made]
+    return Printed(["Row", *(metric.title for metric in metrics), *more], body)
 
 
 def paper_table(rows: Sequence[PaperRow]) -> Printed:
@@ -140,16 +196,22 @@ def beside_paper_table(block: Block, counterparts: Mapping[str, PaperRow]) -> Pr
     """A line per row that stands for one of the paper's: the headline metrics here, and there on the paper's scenes."""
     printed = next(iter(counterparts.values())).values
     metrics = [metric for metric in METRICS if metric.label in HEADLINE and metric.key in printed]
-    body = [
-        [one.row, counterparts[one.row].method]
-        + [
-            f"{'–' if (value := one.values[m.key]) is None else m.text(value.mean)} ({m.text(counterparts[one.row].values[m.key])})"
-            for m in metrics
-        ]
-        for one in block.lines
-        if one.row in counterparts
-    ]
-    return Printed(["Row", "Paper's row", *(f"{metric.title} here (paper's scenes)" for metric in metrics)], body)
+    body = []
+    for one in [line for line in block.lines if line.row in counterparts]:
+        theirs = counterparts[one.row]
+        here = {m: [one.values[m.key], *([one.whole[m.key]] if m in PSNRS else [])] for m in metrics}
+        texts = {m: " / ".join("–" if value is None else m.text(value.mean) for value in some) for m, some in here.items()}
+        body.append([one.row, theirs.method, *(f"{text} ({m.text(theirs.values[m.key])})" for m, text in texts.items())])
+    heads = (f"{m.title} {'object / whole image' if m in PSNRS else 'here'} (paper's scenes)" for m in metrics)
+    return Printed(["Row", "Paper's row", *heads], body)
+
+
+def whole_table(block: Block) -> Printed:
+    """Every PSNR over the object's pixels, and over whole images; nothing where no run has the latter."""
+    lines = [one for one in block.lines if any(one.whole.values())]
+    texts = [[estimate_text(v[m.key], m, block.scenes) for m in PSNRS for v in (one.values, one.whole)] for one in lines]
+    heads = [f"{m.title}, {over}" for m in PSNRS for over in ("object", "whole image")]
+    return Printed(["Row", *heads], [[one.row, *cells] for one, cells in zip(lines, texts, strict=True)])
 
 
 def redrawn_table(rows: Mapping[str, Mapping[str, Estimate | None]], overall: Block) -> Printed:
@@ -162,18 +224,25 @@ def redrawn_table(rows: Mapping[str, Mapping[str, Estimate | None]], overall: Bl
     return Printed(["Row", *(f"{m.title}, {by}" for m in RENDERED for by in ("its own", "reference"))], body)
 
 
-def differences_table(differences: Mapping[str, Mapping[str, Paired]], scenes: Sequence[str]) -> Printed:
-    """A line per row, a column per metric."""
-    body = [[row, *(difference_text(values[m.key], m, len(scenes)) for m in METRICS)] for row, values in differences.items()]
-    return Printed(["Row", *(metric.title for metric in METRICS)], body)
+def differences_table(differences: Mapping[str, Mapping[str, Paired]], scenes: Sequence[str]) -> list[tuple[str, Printed]]:
+    """Title of a part of the results -> a line per row, a column per metric that some row has a difference in."""
+    found = []
+    for title, part in PARTS.items():
+        if metrics := [metric for metric in part if any(values[metric.key].pairs for values in differences.values())]:
+            texts = {row: [difference_text(values[m.key], m, len(scenes)) for m in metrics] for row, values in differences.items()}
+            head = ["Row", *(metric.title for metric in metrics)]
+            found.append((title, Printed(head, [[row, *cells] for row, cells in texts.items()])))
+    return found
 
 
 def claims_table(verdicts: Sequence[Verdict], scenes: Sequence[str]) -> Printed:
     """A line for every two rows and metric: the mean, the outcome, what carries it, and every scene for itself."""
-    body = []
+    body, signs = [], any(one.pairs.signs for one in verdicts)
     for one in verdicts:
         by_scene = (difference_text(one.pairs.of_scene(scene), one.metric) for scene in scenes)
         mean = difference_text(one.pairs, one.metric, len(scenes)).removesuffix(" ‡")
         names = [f"{one.better} above {one.worse}", one.metric.title]
-        body.append([*names, mean, one.outcome, carried_text(one.pairs) or "–", *by_scene])
-    return Printed(["Claim", "Metric", "Difference", "Outcome", "Carried by", *scenes], body)
+        tests = [p_text(one.p_value), *([signs_text(one.pairs)] if signs else [])]
+        body.append([*names, mean, one.outcome, carried_text(one.pairs) or "–", *tests, *by_scene])
+    tests = ["p", *(["Scenes above (sign test)"] if signs else [])]
+    return Printed(["Claim", "Metric", "Difference", "With our small prior", "Carried by", *tests, *scenes], body)

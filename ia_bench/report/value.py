@@ -15,9 +15,9 @@ import numpy as np
 from ia_bench.report.collect import Record
 from ia_bench.report.curves import plain, save
 from ia_bench.report.findings import Findings
-from ia_bench.report.statistics import CONFIDENCE
-from ia_bench.report.table import Entry, Printed, carried_text
-from ia_bench.report.worth import NOTHING_LEFT_OUT, SHOWN, Gain, Map, maps, worth
+from ia_bench.report.statistics import HOW_DECIDED
+from ia_bench.report.table import Entry, Printed, carried_text, p_text
+from ia_bench.report.worth import NOTHING_LEFT_OUT, Gain, Map, maps, worth
 from ia_bench.report.write import begins_with, csv_text, pipe_table, remove_all_but, write_text
 from ia_bench.scores.metrics import METRIC_OF
 
@@ -38,7 +38,7 @@ def write_value(findings: Findings, out: Path) -> list[Path]:
     found = findings.gains
     shown, photographs, texts = maps(found), worth(findings.runs, findings.table) if found else [], {}
     if found:
-        texts = {"value.md": _text(found, shown, photographs), "value.csv": csv_text(map(_of_gain, found))}
+        texts = {"value.md": _text(findings, shown, photographs), "value.csv": csv_text(map(_of_gain, found))}
     if photographs:
         texts["photographs.csv"] = csv_text(photographs)
     ours = begins_with(out / FILES[0], TITLE)
@@ -50,18 +50,19 @@ def write_value(findings: Findings, out: Path) -> list[Path]:
     return written
 
 
-def _text(found: Sequence[Gain], shown: Sequence[Map], photographs: Sequence[Record]) -> str:
+def _text(findings: Findings, shown: Sequence[Map], photographs: Sequence[Record]) -> str:
     """The page to read."""
+    found = findings.gains
     reference = found[0].reference
-    judged = sum(gain.metric in SHOWN and gain.bootstrap is not None for gain in found)
     parts = [
         TITLE,
+        *(f"**{warning}**\n" for warning in findings.warnings),
         f"Every row against `{reference}` of the same scene, seed and capture: mean over scenes, with the 95 % interval of the "
-        "bootstrap over scenes and seeds. More is better in every column. **Bold**: decided, since neither that interval nor "
-        "Student's over scenes holds zero; all else is undecided. "
-        "Intervals over scenes, the smallest effect that would have been found, and what carries a mean are in value.csv. "
-        f"Each cell is judged alone, without a correction for their number: of the {judged} here that have an interval, about "
-        f"{(1 - CONFIDENCE) * judged:.0f} would be decided by chance, at 5 %, if no row differed from `{reference}`.\n",
+        "bootstrap over scenes and seeds; of eight scenes or more, in how many it is above zero, with the sign test's p-value. "
+        "More is better in every column. **Bold**: decided; ° decided alone. "
+        + HOW_DECIDED.format(family="all cells of one metric").replace("\n", " ")
+        + " Intervals over scenes and of a new scene, p-values, the smallest effect that would have been found, and what carries a "
+        "mean are in value.csv.\n",
         f"The column `{reference}` is its level over all of its runs of that capture: mean over scenes of the means over their "
         "seeds. A row that has fewer scenes or seeds is compared with these alone (`reference` in value.csv), so that this column "
         "plus a gain need not be that row's own level.\n",
@@ -83,7 +84,9 @@ def _text(found: Sequence[Gain], shown: Sequence[Map], photographs: Sequence[Rec
 def _entry(gain: Gain | None) -> Entry | str:
     if gain is None:
         return "-"
-    return Entry(f"{gain.text} ({gain.between})" if gain.between else gain.text, best=gain.outcome != "undecided")
+    signs = [] if gain.pairs.signs is None else ["{}/{} p {}".format(*gain.pairs.signs[:2], p_text(gain.pairs.signs[2]))]
+    behind = "; ".join(filter(None, [gain.between, *signs]))
+    return Entry(f"{gain.text}{' °' if gain.alone else ''}{behind and f' ({behind})'}", best=gain.survives)
 
 
 def _line(one: Record) -> list[str]:
@@ -106,7 +109,11 @@ def _of_gain(gain: Gain) -> Record:
         "low": low,
         "high": high,
         "half_width_over_scenes": gain.over_scenes.half_width,
-        "decided": gain.outcome,
+        "half_width_new_scene": gain.pairs.new_scene,
+        "p_value": gain.p_value,
+        "scenes_above": gain.pairs.signs and gain.pairs.signs[0],
+        "sign_test_p_value": gain.pairs.signs and gain.pairs.signs[2],
+        "decided": f"{gain.outcome}{', decided alone' if gain.alone else ''}",
         "detectable": gain.detectable,
         "headroom": gain.headroom,
         "scenes": len(gain.pairs.pairs),

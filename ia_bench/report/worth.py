@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby, product
 from typing import cast
@@ -16,8 +16,8 @@ import numpy as np
 from scipy.stats import t as student
 
 from ia_bench.report.collect import Record, Runs
-from ia_bench.report.statistics import CONFIDENCE, Estimate, Paired, Scores, better, means, side_by_side
-from ia_bench.report.table import BOUNDS, carried_text
+from ia_bench.report.statistics import CONFIDENCE, Estimate, Paired, Scores, better, holm, is_small, means, side_by_side
+from ia_bench.report.table import BOUNDS, carried_text, p_text, signs_text
 from ia_bench.runs.table import Row, Table, capture_of, crossed_name
 from ia_bench.scores.metrics import METRIC_OF, METRICS, Metric
 
@@ -70,6 +70,7 @@ class Gain:
     beside: float  # mean of the reference over the same scenes and seeds
     level: float  # mean of the reference over all scenes and seeds that it was run with under this capture; the same for every row
     headroom: float | None  # the part of what the ceiling is above the reference that the row closes; None where no ceiling was run
+    survives: bool = False  # whether it is decided among all gains in this metric
 
     @cached_property
     def over_scenes(self) -> Estimate:
@@ -93,17 +94,20 @@ class Gain:
         quantiles = student.ppf([0.5 + CONFIDENCE / 2, POWER], len(scenes) - 1)
         return float(quantiles.sum() * np.std(scenes, ddof=1) / math.sqrt(len(scenes)))
 
-    @cached_property
+    @property
     def outcome(self) -> str:
-        """What is decided, in a word.
+        """What is decided among all gains in this metric, in a word."""
+        return "undecided" if not self.survives else "gains" if self.over_scenes.mean > 0 else "costs"
 
-        Decided where neither the bootstrap's interval nor Student's over scenes holds zero: with few scenes the first is narrow.
-        """
-        mean, width = self.over_scenes.mean, self.over_scenes.half_width
-        if self.bootstrap is None or width is None:
-            return "undecided"
-        ends = self.bootstrap, (mean - width, mean + width)
-        return "gains" if min(low for low, _ in ends) > 0 else "costs" if max(high for _, high in ends) < 0 else "undecided"
+    @property
+    def alone(self) -> bool:
+        """Whether it would be decided only if it stood alone."""
+        return is_small(self.p_value) and not self.survives
+
+    @property
+    def p_value(self) -> float | None:
+        """Of the paired t-test over scenes; None for a single scene."""
+        return self.pairs.p_value if len(self.pairs.pairs) > 1 else None
 
     @property
     def text(self) -> str:
@@ -122,9 +126,12 @@ class Gain:
         text, width = self.metric.text, self.over_scenes.half_width
         known = [
             f"{row}: {self.text}{' dB' if self.metric.label == 'PSNR' else ''} over {over}, which has {text(self.beside)}",
-            f"{self.outcome}{'' if self.bootstrap else ', since there is one scene'}",
+            f"{self.outcome}{', decided alone' if self.alone else '' if self.bootstrap else ', since there is one scene'}",
+            self.p_value is not None and f"p = {p_text(self.p_value)}",
             f"scenes: {len(self.pairs.pairs)}, pairs of runs: {self.pairs.count}",
+            self.pairs.signs and f"above zero in {signs_text(self.pairs)}",
             width is not None and f"over other scenes ± {text(width)}",
+            self.pairs.new_scene is not None and f"one more scene ± {text(self.pairs.new_scene)}",
             self.detectable is not None and f"would have been decided from {text(self.detectable)}",
             self.headroom is not None and f"{100 * self.headroom:.0f} % of the way to the ceiling",
             self.pairs.carriers and f"carried by {carried_text(self.pairs)}",
@@ -167,6 +174,10 @@ def gains(runs: Runs, table: Table) -> list[Gain]:
             beside = [np.mean([scores[reference][scene, seed] for seed in seeds]) for scene, seeds in pairs.pairs.items()]
             share = None if ceiling is None else _share(pairs, better(scores, ceiling, reference, metric))
             found.append(Gain(row.name, table.reference, label, metric, pairs, float(np.mean(beside)), level.mean, share))
+    families = [[place for place, gain in enumerate(found) if gain.metric == metric] for metric in METRICS]
+    for places in families:
+        for place, survives in zip(places, holm([found[place].p_value for place in places]), strict=True):
+            found[place] = replace(found[place], survives=survives)
     return found
 
 

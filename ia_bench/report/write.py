@@ -21,13 +21,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError, listed
 from ia_bench.report import table as tables
+from ia_bench.report.blocks import PSNRS
 from ia_bench.report.collect import KEPT, CellKey, Record, collect, reasons_text
 from ia_bench.report.curves import draw_scene, save
 from ia_bench.report.findings import MEAN, Findings, analyse
-from ia_bench.report.statistics import HOW_JUDGED, Paired, tally
+from ia_bench.report.statistics import HOW_DECIDED, HOW_JUDGED, INTERVALS, Paired, tally
 from ia_bench.report.table import Entry, Printed, carried_text
 from ia_bench.runs.table import Table
-from ia_bench.scores.metrics import METRICS
+from ia_bench.scores.metrics import MEASURED, METRICS
 
 TITLE = "# Results\n"
 """How the template report.md begins."""
@@ -42,6 +43,9 @@ LATEX = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
     "±": r"$\pm$",
     "↑": r"$\uparrow$",
     "↓": r"$\downarrow$",
+    "‡": r"$^\ddagger$",
+    "<": "$<$",
+    ">": "$>$",
 }
 MARKS = dict(block_start="<%", block_end="%>", variable_start="<<", variable_end=">>", comment_start="<#", comment_end="#>")
 
@@ -89,18 +93,21 @@ def write_report(
     differences = (
         ({"row": row, "reference": findings.reference, "metric": metric.key}, values[metric.key])
         for row, values in findings.differences.items()
-        for metric in METRICS
+        for metric in MEASURED
+        if metric in METRICS or values[metric.key].pairs
     )
     claimed = (
         ({"better": one.better, "worse": one.worse, "metric": one.metric.key, "outcome": one.outcome}, one.pairs)
         for one in findings.verdicts
     )
+    how_decided = HOW_DECIDED.format(family="all metrics of a table")
+    words: dict[str, object] = {"intervals": INTERVALS, "how_judged": HOW_JUDGED, "how_decided": how_decided, "tally": tally}
     records = {"table.csv": _summaries(findings), "differences.csv": _paired(differences), "claims.csv": _paired(claimed)}
     shown = [path.relative_to(out).as_posix() for path in pictures if path.suffix == ".png"]
     groups = [(name, len(list(metrics))) for name, metrics in groupby(METRICS, key=lambda metric: metric.group)]
     texts = {
-        "report.md": _filled("report.md", findings, pictures=shown, how_judged=HOW_JUDGED, tally=tally),
-        "table.tex": _filled("table.tex", findings, groups=groups, metrics=METRICS, columns=1 + len(METRICS) + len(tables.COSTS)),
+        "report.md": _filled("report.md", findings, pictures=shown, **words),
+        "table.tex": _filled("table.tex", findings, groups=groups, metrics=METRICS, columns=1 + len(METRICS), **words),
         "runs.csv": _runs_text(findings),
         **{name: csv_text({"protocol": findings.protocol, **one} for one in lines) for name, lines in records.items()},
     }
@@ -122,22 +129,24 @@ def _runs_text(findings: Findings) -> str:
     reasons = [run["problem"] or reasons_text(run) for run in findings.runs.to_dict("records")]
     labels = {"protocol": findings.protocol, "status": failed.map({False: "ok", True: "failed"}), "reason": reasons}
     runs = findings.runs.drop(columns=[*KEPT, "problem", "protocol"]).assign(**labels)
-    first = ["protocol", "row", "scene", "seed", "status", "reason", "sees_truth", *(metric.column for metric in METRICS)]
+    first = ["protocol", "row", "scene", "seed", "status", "reason", "sees_truth", *(metric.column for metric in MEASURED)]
     return str(runs[[*first, *(name for name in runs if name not in first)]].to_csv(index=False))
 
 
 def _summaries(findings: Findings) -> Iterable[Record]:
-    parts = {"": "mean", "_half_width": "half_width", "_scenes": "scenes"}
+    parts = {"": "mean", "_half_width": "half_width", "_half_width_over_scenes": "wider", "_scenes": "scenes"}
+    metrics = [metric for metric in MEASURED if metric in METRICS or metric in tables.measured(findings.overall)]
     for block in (findings.overall, *findings.blocks):
         for one in block.lines:
             values = {
                 f"{metric.column}{suffix}": (value := one.values[metric.key]) and getattr(value, part)
-                for metric in METRICS
+                for metric in metrics
                 for suffix, part in parts.items()
             }
+            values |= {f"{m.column}_whole_image": (value := one.whole[m.key]) and value.mean for m in PSNRS}
             costs = {"seconds": one.seconds and one.seconds.mean, "peak_memory_bytes": one.peak_memory_bytes}
             label = {"scene": block.title, "row": one.row, "sees_truth": one.sees_truth}
-            yield {**label, **values, **costs, "failed": one.failed, "runs": one.runs}
+            yield {**label, **values, **costs, "failed": one.failed, "runs": one.runs, **findings.made.get(one.row, {})}
     for row in findings.paper:
         paper = {metric.column: row.values.get(metric.key) for metric in METRICS}
         yield {"protocol": "the paper's", "scene": "the paper's scenes", "row": row.method, **paper}
@@ -147,12 +156,16 @@ def _paired(found: Iterable[tuple[Record, Paired]]) -> Iterable[Record]:
     """The mean of differences with both intervals, then the same scene by scene, each below its label."""
     for label, pairs in found:
         for scene, part in {MEAN: pairs, **{scene: pairs.of_scene(scene) for scene in pairs.pairs}}.items():
-            seeds, scenes = part.over_seeds, part.over_scenes
+            seeds = part.over_seeds
             yield label | {
                 "scene": scene,
                 "difference": seeds and seeds.mean,
                 "half_width_over_seeds": seeds and seeds.half_width,
-                "half_width_over_scenes": scenes and scenes.half_width,
+                "half_width_over_scenes": seeds and seeds.wider,
+                "half_width_new_scene": part.new_scene,
+                "p_value": part.p_value,
+                "scenes_above": part.signs and part.signs[0],
+                "sign_test_p_value": part.signs and part.signs[2],
                 "pairs": part.count,
                 "carried_by": carried_text(part),
             }
@@ -178,7 +191,9 @@ def _markdown(cell: Entry | str) -> str:
 def tex(cell: Entry | str) -> str:
     """An entry with its special characters kept from being read as commands."""
     cell = Entry(cell) if isinstance(cell, str) else cell
-    text = "".join(LATEX.get(letter, letter) for letter in cell.text.replace(" †", "†")).replace(r" $\pm$ ", r"\,$\pm$\,")
+    text = "".join(LATEX.get(letter, letter) for letter in cell.text.replace(" †", "†").replace(" ‡", "‡")).replace(
+        r" $\pm$ ", r"\,$\pm$\,"
+    )
     notes = f"$^{{{','.join(map(str, cell.notes))}}}$" if cell.notes else ""
     return (rf"\textbf{{{text}}}" if cell.best else text) + notes
 

@@ -321,4 +321,4 @@ MEASURED = (
 
 COMPONENTS = tuple(dict.fromkeys(metric.component for metric in MEASURED))
 CURVE_METRICS = tuple(metric for metric in METRICS if metric.on_curve)  # the columns of curve.csv
-METRIC_OF = {metric.key: metric for metric in METRICS}
+METRIC_OF = {metric.key: metric for metric in MEASURED}

@@ -12,8 +12,8 @@ import trimesh
 
 from ia_bench.cli.score import USAGE, main
 from ia_bench.render.asset_files import moved, read_asset
+from ia_bench.report.blocks import block
 from ia_bench.report.collect import collect
-from ia_bench.report.statistics import block
 from ia_bench.report.table import results_table
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
@@ -95,7 +95,7 @@ def test_what_is_declared_is_marked_as_declared(asset_run: Path, pictures_run: P
     runs = collect([asset_run, pictures_run]).runs
     assert runs["declared"].tolist() == ["yes", "yes"]
     assert runs["declared_authors"].tolist() == ["Ada, Bo", None]
-    printed = results_table(block(runs, ["theirs", "images"], ["tiny"], "tiny"), dict.fromkeys(["no reason given"], 1))
+    printed = results_table(block(runs, ["theirs", "images"], ["tiny"], "tiny"), dict.fromkeys(["no reason given"], 1), made={})
     assert [row[-3] for row in printed.body] == ["3.5 (declared)", "–"]
 
 

@@ -49,7 +49,8 @@ def test_a_finished_run_arrives_whole(write_run: Write) -> None:
 def test_a_score_that_is_undefined_or_unknown_says_why(write_run: Write) -> None:
     reasons = dict.fromkeys((f"{name}.psnr" for name in TRIPLES), "identical")
     run = read_run(write_run("ours", "hat", psnr=None, reasons=reasons))
-    assert (run["albedo_psnr"], run["reasons"]) == (None, reasons)
+    newer = dict.fromkeys(("light.psnr", "log_light.rmse"), NOT_SCORED)
+    assert (run["albedo_psnr"], run["reasons"]) == (None, newer | reasons)
     former = read_run(write_run("former", "hat", metrics={"albedo": {"psnr": 20.0}}))
     assert (former.get("problem"), former["albedo_psnr"], former["albedo_ssim"]) == (None, 20.0, None)
     assert former["reasons"]["roughness.mse"] == NOT_SCORED

@@ -7,13 +7,13 @@ import pytest
 import scipy.stats
 from scored_runs import scored
 
+from ia_bench.report.blocks import Block, block
 from ia_bench.report.collect import Record, as_table
 from ia_bench.report.statistics import (
-    Block,
     Estimate,
     Paired,
     Verdict,
-    block,
+    holm,
     judge,
     over_scenes,
     over_seeds,
@@ -59,7 +59,7 @@ def test_the_interval_over_two_scenes_is_welchs() -> None:
 
 
 def test_scenes_weigh_the_same_and_what_was_not_repeated_has_no_interval() -> None:
-    assert over_scenes([[10.0, 10.0, 10.0], [20.0]]) == Estimate(15.0, None, 2)
+    assert over_scenes([[10.0, 10.0, 10.0], [20.0]]) == Estimate(15.0, None, 2, pytest.approx(12.7062047 * 5))
     assert over_seeds([3.0]) == Estimate(3.0, None)
     assert over_seeds([3.0, 3.0]) == Estimate(3.0, 0.0)
     assert over_seeds([]) is None
@@ -113,30 +113,30 @@ def test_failures_are_counted_and_enter_no_mean() -> None:
 
 
 def test_bold_goes_to_the_best_that_is_blind_and_complete_where_its_lead_is_decided() -> None:
-    """A lead of 1 dB in every seed, and one of 1 dB on average that the other seed takes back."""
-    runs = [scored("oracle", scene, seed, 99.0, sees_truth=True) for scene in ("hat", "ship") for seed in (0, 1)]
-    for scene in ("hat", "ship"):
-        runs += [scored("none", scene, seed, 20.0 + seed) for seed in (0, 1)]
-        runs += [scored("ours", scene, seed, 21.0 + seed + 0.01 * seed) for seed in (0, 1)]
-        runs += [scored("worse", scene, 0, 10.0), scored("worse", scene, 1, 19.0)]
+    """A lead of 1 dB in every scene, and one in roughness that the other scenes take back."""
+    scenes = ("hat", "ship", "console")
+    runs = [scored("oracle", scene, 0, 99.0, sees_truth=True) for scene in scenes]
+    for place, scene in enumerate(scenes):
+        runs.append(scored("none", scene, 0, 20.0 + 5 * place, roughness_mse=0.02))
+        runs.append(scored("ours", scene, 0, 21.0 + 5.01 * place, roughness_mse=(0.01, 0.01, 0.039)[place]))
     runs += [scored("half", "hat", seed, 50.0) for seed in (0, 1)]
-    found = block_of(runs, ["oracle", "ours", "none", "worse", "half"], ["hat", "ship"])
+    found = block_of(runs, ["oracle", "ours", "none", "half"], [*scenes])
     assert [one.row for one in found.lines if found.is_best(one.row, PSNR)] == ["ours"]
-    assert (found.leaders["albedo.psnr"].second, found.leaders["albedo.psnr"].sure) == ("none", "decided over seeds")
+    assert (found.leaders["albedo.psnr"].second, found.leaders["albedo.psnr"].sure) == ("none", "decided")
     least = found.leaders["roughness.mse"]
-    assert (least.row, least.sure) == ("worse", "undecided: other seeds may turn it")
+    assert (least.row, least.sure) == ("ours", "undecided: other scenes may turn it")
     assert not any(found.is_best(one.row, ROUGHNESS) for one in found.lines)
-    assert block_of(runs[:4], ["oracle"], ["hat", "ship"]).leaders == {}
-    assert block_of(runs[4:6], ["none"], ["hat"]).leaders["albedo.psnr"].sure == "the only row"
+    assert block_of(runs[:3], ["oracle"], [*scenes]).leaders == {}
+    assert block_of(runs[3:4], ["none"], ["hat"]).leaders["albedo.psnr"].sure == "the only row"
 
 
 @pytest.mark.parametrize(
     ("seeds", "words"),
     [
-        ({"hat": (0, 1), "ship": (0, 1)}, "decided over seeds"),
-        ({"hat": (0, 1), "ship": (2, 3)}, "too few seeds in common: how sure is unknown"),
-        ({"hat": (2, 3), "ship": (2, 3)}, "too few seeds in common: how sure is unknown"),
-        ({"hat": (0, 1), "ship": (1, 2)}, "too few seeds in common: how sure is unknown"),
+        ({"hat": (0, 1), "ship": (0, 1)}, "decided"),
+        ({"hat": (0, 1), "ship": (2, 3)}, "too few runs in common: how sure is unknown"),
+        ({"hat": (2, 3), "ship": (2, 3)}, "too few runs in common: how sure is unknown"),
+        ({"hat": (0, 1), "ship": (1, 2)}, "decided"),
     ],
 )
 def test_a_lead_is_decided_by_pairs_in_every_scene(seeds: dict[str, tuple[int, int]], words: str) -> None:
@@ -205,3 +205,74 @@ def test_a_lower_error_is_an_advantage() -> None:
     assert found.pairs.over_seeds is not None
     assert found.pairs.over_seeds.mean == pytest.approx(0.02)
     assert found.outcome == "reproduced"
+
+
+# ---- many comparisons at once, and scenes that nobody has seen ----
+
+
+def test_holm_is_worked_out_by_hand() -> None:
+    """Five tests: .05 / 5 = .01, .0125, .01667, .025, .05. The fourth fails, and so the fifth, which alone would pass."""
+    assert holm([0.045, 0.001, 0.026, 0.016, 0.012, None]) == [False, True, False, True, True, False]
+    assert holm([0.02, 0.02, 0.02]) == [False] * 3, "each is decided alone, but .02 > .05 / 3"
+    assert holm([0.05]) == [True]
+    assert holm([]) == []
+
+
+def test_what_is_decided_only_alone_is_called_so() -> None:
+    """One claim of p = .018 stands by itself, and falls among four."""
+    values = {"ours": {"a": [1.0], "b": [2.0], "c": [1.4]}, "theirs": dict.fromkeys("abc", [0.0])}
+    scenes = ["a", "b", "c"]
+    assert verdict(values, scenes).outcome == "reproduced"
+    assert verdict(values, scenes).p_value == pytest.approx(scipy.stats.ttest_1samp([1.0, 2.0, 1.4], 0).pvalue)
+    runs = as_table([scored(row, scene, 0, *value) for row, found in values.items() for scene, value in found.items()])
+    keys = ["albedo.psnr", "albedo.ssim", "relighting.psnr", "relighting.ssim"]
+    several = judge(runs, [Claim("ours", "theirs", keys), Claim("theirs", "ours", keys[:1])], scenes)
+    assert [one.outcome for one in several] == ["reproduced alone"] * 4 + ["not reproduced alone"]
+    assert tally(several).endswith("0 reproduced, 0 not reproduced, 4 reproduced alone, 1 not reproduced alone, 0 undecided.")
+
+
+def test_a_sign_test_wants_eight_scenes() -> None:
+    values = {f"s{place}": {0: 1.0} for place in range(7)}
+    assert Paired(values).signs is None
+    assert Paired({**values, "last": {0: -1.0}}).signs == (7, 8, pytest.approx(2 * 9 / 2**8))
+    assert Paired({**values, "last": {0: 0.0}}).signs == (7, 7, pytest.approx(2 / 2**7)), "a tie says nothing"
+
+
+def drawn(generator: np.random.Generator, scenes: int, spread: float = 1.0, mean: float = 0.0) -> Paired:
+    """Differences whose truth is ``mean``: scenes differ by ``spread``, two seeds of each by 1."""
+    levels = generator.normal(mean, spread, scenes)
+    return Paired({f"s{place}": dict(enumerate(generator.normal(level, 1.0, 2))) for place, level in enumerate(levels)})
+
+
+@pytest.mark.parametrize("scenes", [1, 4, 8])
+def test_a_family_without_any_difference_is_decided_in_at_most_five_of_a_hundred_experiments(scenes: int) -> None:
+    """1000 experiments of 12 comparisons. A rate of .05 exceeds .07 with a probability of .002, the false alarm of this test.
+
+    Of one scene, seeds are the sample, and its level is no deviation. Alone, almost half of all experiments would decide something.
+    """
+    generator = np.random.default_rng(scenes)
+    families = [[drawn(generator, scenes, spread=float(scenes > 1)).p_value for _ in range(12)] for _ in range(1000)]
+    assert scipy.stats.binom.sf(int(0.07 * 1000), 1000, 0.05) < 0.003
+    assert np.mean([any(holm(family)) for family in families]) <= 0.07
+    assert np.mean([min(p for p in family if p is not None) <= 0.05 for family in families]) > 0.4
+
+
+@pytest.mark.parametrize("scenes", [2, 4, 8])
+def test_the_prediction_interval_holds_a_new_scene_in_95_of_a_hundred(scenes: int) -> None:
+    """2000 experiments: a coverage of .95 leaves .934 to .966 with a probability of .001, the false alarm of this test."""
+    generator = np.random.default_rng(scenes)
+    held = []
+    for _ in range(2000):
+        pairs, new = drawn(generator, scenes, mean=3.0), drawn(generator, 1, mean=3.0)
+        assert pairs.new_scene is not None
+        held.append(abs(new.scenes[0] - pairs.scenes.mean()) <= pairs.new_scene)
+    inside = scipy.stats.binom.cdf([int(0.934 * 2000), int(0.966 * 2000)], 2000, 0.95)
+    assert 1 - np.diff(inside)[0] < 0.002
+    assert 0.934 <= np.mean(held) <= 0.966
+
+
+def test_the_prediction_interval_is_students() -> None:
+    values = [1.0, 2.0, 4.0]
+    width = scipy.stats.t.ppf(0.975, 2) * np.std(values, ddof=1) * (1 + 1 / 3) ** 0.5
+    assert Paired({str(value): {0: value} for value in values}).new_scene == pytest.approx(width)
+    assert Paired({"hat": {0: 1.0, 1: 2.0}}).new_scene is None, "one scene says nothing of others"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.stats
 from scored_runs import scored
 
 from ia_bench.report.collect import Collection, Record, Runs, as_table
@@ -124,13 +125,29 @@ def test_files_say_what_was_found(tmp_path: Path) -> None:
     page = (tmp_path / "value.md").read_text()
     assert "| 2 views | 10.00 | **+5.00 (+5.00 to +5.00)** |" in page
     assert "| all views | 24.00 | +0.10 (" in page
-    assert "of the 12 here that have an interval, about 1 would be decided by chance" in page, "4 captures, 3 metrics, one row"
+    assert "Decided is what survives Holm's correction at 5 % among all cells of one metric" in page
     records = list(csv.DictReader((tmp_path / "value.csv").open()))
     base = next(one for one in records if (one["capture"], one["metric"]) == ("all views", "aligned_albedo.psnr"))
     assert base["decided"] == "undecided"
     means = np.array([-0.25, 0.45])
     t_975, t_80 = 12.7062047, 1.3763819  # of Student's distribution with one degree of freedom, from a table
     assert float(base["detectable"]) == pytest.approx((t_975 + t_80) * means.std(ddof=1) / math.sqrt(2), rel=1e-6)
+
+
+def test_what_is_decided_only_alone_is_marked_and_eight_scenes_have_a_sign_test(tmp_path: Path) -> None:
+    """Gains of 1 dB and a deviation that gives p = .03: alone enough, among four captures not."""
+    some = [1.0 + 1.05 * (-1) ** scene for scene in range(8)]
+    gained = {label: [[gain] for gain in some] for label in LEVELS}
+    write(runs(gained), TABLE, tmp_path)
+    page = (tmp_path / "value.md").read_text()
+    assert "| 2 views | 10.00 | +1.00 ° (" in page
+    assert "; 4/8 p 1) |" in page
+    records = list(csv.DictReader((tmp_path / "value.csv").open()))
+    base = next(one for one in records if (one["capture"], one["metric"]) == ("2 views", "aligned_albedo.psnr"))
+    assert (base["decided"], base["scenes_above"], base["sign_test_p_value"]) == ("undecided, decided alone", "4", "1.0")
+    assert float(base["p_value"]) == pytest.approx(scipy.stats.ttest_1samp(some, 0).pvalue, rel=1e-6)
+    width = float(base["half_width_over_scenes"])
+    assert float(base["half_width_new_scene"]) == pytest.approx(3 * width), "sqrt(1 + 1/n) over sqrt(1/n), of eight scenes"
 
 
 def test_the_level_of_the_reference_is_that_of_all_its_runs_whichever_row_stands_first(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -60,7 +61,8 @@ def test_every_file_is_written_and_nothing_partial_is_left(report: Report, out: 
 
 
 def test_rows_stand_beside_the_papers_and_beside_the_reference_renderer(tmp_path: Path, write_run: Callable[..., Path]) -> None:
-    redrawn = {"view_synthesis_reference": {"psnr": 17.0, "ssim": 0.8}, "relighting_reference": {"psnr": 16.0}}
+    whole = {f"{name}_whole_image": {"psnr": 24.5} for name in ("albedo", "aligned_albedo", "view_synthesis", "relighting")}
+    redrawn = whole | {"view_synthesis_reference": {"psnr": 17.0, "ssim": 0.8}, "relighting_reference": {"psnr": 16.0}}
     for seed in (0, 1):
         write_run("split sums", "hat", seed, psnr=20.0 + seed, variants=redrawn)
     write_run("ours", "hat")
@@ -73,7 +75,8 @@ def test_rows_stand_beside_the_papers_and_beside_the_reference_renderer(tmp_path
     own, _, beside = tables.partition("### Rows beside")
     assert "| split sums | 20.50 ± 6.35 | 17.00 ± 0.00 |" in own
     assert "| ours |" not in own + beside
-    assert r"| split sums | NvDiffrec\* | 20.50 (14.52) |" in beside
+    assert "| split sums | 20.50 ± 6.35 | 24.50 ± 0.00 |" in (tmp_path / "out" / "report.md").read_text()
+    assert r"| split sums | NvDiffrec\* | 20.50 / 24.50 (14.52) |" in beside
 
 
 def test_a_row_that_the_paper_has_not_is_named(tmp_path: Path, write_run: Callable[..., Path]) -> None:
@@ -100,7 +103,7 @@ def test_csv_holds_the_numbers(report: Report, out: Path) -> None:
     assert (mean["difference"], mean["half_width_over_seeds"], mean["half_width_over_scenes"]) == ("4.0", "", "0.0")
     assert (mean["pairs"], mean["carried_by"], mean["reference"]) == ("2", "", "none")  # of the seed that both rows have
     claims = read(out, "claims", "better", "scene")
-    assert (claims["ours", "hat"]["difference"], claims["ours", "mean over scenes"]["outcome"]) == ("4.0", "undecided")
+    assert (claims["ours", "hat"]["difference"], claims["ours", "mean over scenes"]["outcome"]) == ("4.0", "reproduced")
     assert claims["later", "mean over scenes"]["difference"] == ""
 
 
@@ -119,32 +122,61 @@ def test_markdown_says_what_a_reader_needs(out: Path) -> None:
     lines = (out / "report.md").read_text().splitlines()
     tables = [line for line in lines if line.startswith("|")]
     assert len({line.count("|") for line in tables[:6]}) == 1  # header, rule and four rows of equal width
-    assert tables[2].startswith("| ours | 22.50 ± ")  # the best, by one seed that both rows have: undecided
+    assert tables[2].startswith("| ours | **22.50 ± 1.52 / 25.41** | ")  # the best, by the same in both scenes
     assert tables[2].endswith("| 50.0 | 1024 MiB | 1/5 |")
     assert tables[3].startswith("| later | – |")
-    assert tables[4].startswith("| none | 18.00 |")
-    assert tables[5].startswith("| oracle\\_\\* † | 40.00 |")  # escaped, marked, and not bold though the highest
-    assert "| ours | +4.00 ± – / 0.00 | +0.0000 ± – / 0.0000 |" in (out / "report.md").read_text()
+    assert tables[4].startswith("| none | 18.00 ± – / 25.41 |")
+    assert tables[5].startswith("| oracle\\_\\* † | 40.00 ± – / 0.00 |")  # escaped, marked, and not bold though the highest
+    assert "| ours | +4.00 ± – / 0.00 / 0.00 | +4.00 ± – / 0.00 / 0.00 |" in (out / "report.md").read_text()
+    assert "| ours | +0.0000 ± – / 0.0000 / 0.0000 |" in (out / "report.md").read_text()
     assert not any(line.startswith("### The paper's own figures") for line in lines), "no row stands for one of the paper's"
     assert "![ship](curves/ship.png)" in lines
-    assert "| ours above none | Albedo PSNR ↑ | +4.00 ± – / 0.00 | undecided | – | +4.00 | +4.00 |" in lines  # one seed of none
-    assert "| later above ours | Roughness MSE ↓ | – | undecided | – | – | – |" in lines
+    assert (
+        "| ours above none | Albedo PSNR ↑ | +4.00 ± – / 0.00 / 0.00 | reproduced | – | < 0.0001 | +4.00 | +4.00 |".replace(
+            "<", r"\<"
+        )
+        in lines
+    )
+    assert "| later above ours | Roughness MSE ↓ | – | undecided | – | – | – | – |" in lines
 
 
 def test_latex_has_the_papers_layout(out: Path) -> None:
     text = (out / "table.tex").read_text()
+    check_latex(text)
     tables = text.split("\\begin{table*}")[1:]
-    assert len(tables) == 3  # overall and two scenes
-    overall = tables[0].splitlines()
-    columns = next(line for line in overall if line.startswith("\\begin{tabular}")).count("r", len("\\begin{tabular}")) + 1
-    body = [line for line in overall if line.endswith("\\\\") and "multicolumn" not in line]
-    assert len(body) == 1 + 4
-    assert {line.count(" & ") + 1 for line in body} == {columns} == {17}
-    assert "PSNR$\\uparrow$ & SSIM$\\uparrow$ & LPIPS$\\downarrow$" in text
-    assert "ours & 22.50\\,$\\pm$\\," in tables[0]
+    assert len(tables) == 5  # as in the paper, with intervals, claims, two scenes
+    groups = ("Albedo", "Aligned Albedo", "View Synthesis", "Relighting")
+    header = "".join(rf" & \multicolumn{{3}}{{c}}{{{name}}}" for name in groups) + r" & \multicolumn{1}{c}{Roughness} \\"
+    assert header in tables[0].splitlines()
+    assert (
+        "Method" + r" & PSNR$\uparrow$ & SSIM$\uparrow$ & LPIPS$\downarrow$" * 4 + r" & MSE$\downarrow$ \\"
+        in tables[0].splitlines()
+    )
+    assert r"ours & \textbf{22.50} & 0.9000" in tables[0]
     assert "oracle\\_*$^\\dagger$ & 40.00" in tables[0]
-    assert text.count("\\begin{") == text.count("\\end{") == 6
-    assert text.count("{") == text.count("}")
+    assert r"ours & \textbf{22.50\,$\pm$\,1.52 / 25.41} &" in tables[1]
+    assert "With our small prior: 1 reproduced, 0 not reproduced" in tables[2]
+
+
+def check_latex(text: str) -> None:
+    """What can be told without LaTeX: braces, environments, known commands, and as many cells in a row as there are columns."""
+    plain = re.sub(r"\\[\\{}&%$#_]", "", text)
+    assert plain.count("{") == plain.count("}")
+    assert plain.count("$") % 2 == 0
+    assert not re.search(r"[<>#~]", re.sub(r"\$[^$]*\$", "", plain)), "or another letter is printed"
+    assert text.isascii()
+    known = {"begin", "end", "centering", "caption", "resizebox", "linewidth", "toprule", "midrule", "bottomrule", "cmidrule"}
+    known |= {"multicolumn", "emph", "textbf", "dagger", "ddagger", "pm", "uparrow", "downarrow", "usepackage"}
+    assert set(re.findall(r"\\([a-zA-Z]+)", text)) <= known
+    opened = list[str]()
+    for kind, name in re.findall(r"\\(begin|end)\{(.*?)\}", text):
+        assert (opened.append(name) if kind == "begin" else opened.pop()) in (None, name)
+    assert not opened
+    for columns, body in re.findall(r"\\begin\{tabular\}\{(lr*)\}(.*?)\\end\{tabular\}", text, re.DOTALL):
+        assert len(rows := re.findall(r"^(.*) \\\\$", body, re.MULTILINE)) > 1
+        for row in rows:
+            spans = sum(int(wide) - 1 for wide in re.findall(r"\\multicolumn\{(\d+)\}", row))
+            assert len(re.findall(r"(?<!\\)&", row)) + 1 + spans == len(columns), row
 
 
 def test_latex_escapes_every_special_character() -> None:

@@ -17,7 +17,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.report.collect import collect
 from ia_bench.report.curves import read_curve
 from ia_bench.report.findings import Findings, analyse
-from ia_bench.report.site.page import curve_data
+from ia_bench.report.site.data import curve_data
 from ia_bench.report.write import write_text
 from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, CellStatus, Overview
 from ia_bench.runs.folder import CURVE

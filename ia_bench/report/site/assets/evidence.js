@@ -70,7 +70,8 @@
     const runs = data.runs.filter((run) => run.row === place && (!data.scenes.includes(scope) || data.scenes[run.scene] === scope));
     const cell = bench.all(`.scope`).find((panel) => panel.dataset.scope === scope);
     const entry = bench.cellOf(bench.find(`tr[data-row="${CSS.escape(name)}"]`, cell), key).cloneNode(true);
-    bench.all(".paper", entry).forEach((part) => part.remove());
+    const whole = bench.find(".whole", entry);
+    bench.all(".paper, .whole", entry).forEach((part) => part.remove());
     const paper = row.paper && row.paper.values[key];
     opener = from;
     const seen = data.scenes.filter((scene) => [scene, bench.scopes.length > 1 ? bench.scopes[0] : scene].includes(scope) && data.pictures[scene]?.rows[name]);
@@ -81,6 +82,7 @@
       make("p", { class: "where", text: `${metric ? metric.title : key}, ${scope}` }),
       make("h2", { id: "evidence-title", text: name }),
       make("p", { class: "figure", text: entry.textContent.trim() }),
+      whole ? make("p", { text: whole.textContent }) : null,
       make("p", { class: "fine", text: metric ? metric.definition : `${data.costs[key]}.` }),
       row.note ? make("p", { text: `${row.note[0].toUpperCase()}${row.note.slice(1)}.` }) : null,
       paper !== undefined && paper !== null

@@ -78,7 +78,7 @@
   }));
 
   // ---- what is shown ----------------------------------------------------------------------------------------------
-  for (const [id, name] of [["all-metrics", "wide"], ["with-paper", "with-paper"]]) {
+  for (const [id, name] of [["all-metrics", "wide"], ["whole-images", "with-whole"], ["with-paper", "with-paper"]]) {
     const box = bench.find(`#${id}`);
     if (box) box.addEventListener("change", () => bench.find("#table").classList.toggle(name, box.checked));
   }
