@@ -137,6 +137,6 @@ PLAIN_ADAM: Mapping[str, Any] = {  # of all tensors from the first step, along e
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "smoke": {"stage1_steps": 12, "stage2_steps": 6, "pixels": 512},
     "full": {"stage1_steps": 800, "stage2_steps": 400, "weights": {"smooth_light": 0.001, "smooth_light_final": 0.05}},
-    "letter": {**PLAIN_ADAM, "stage1_steps": 1200, "stage2_steps": 800},
+    "letter": {**PLAIN_ADAM, "stage1_steps": 600, "stage2_steps": 400},
     "paper": {"stage1_steps": 20_000, "stage2_steps": 15_000, "pixels": 4096},
 }
