@@ -16,8 +16,7 @@ import tempfile
 from pathlib import Path
 from statistics import median
 
-from benchmarks.former_commit import RUN, shown
-from ia_bench.report.collect import NOT_OF_THE_ROW
+from benchmarks.former_commit import shown
 
 SMALL = ("protocol.map_points=1", "protocol.render_points=1", "protocol.samples_per_pixel=4")
 
@@ -35,9 +34,8 @@ def main() -> None:
             for place, (row, found) in enumerate(seconds.items()):
                 out = Path(scratch) / f"{scene}-{number}-{place}"
                 overrides = ["threads=1", f"scene={scene}", f"seed={number}", f"out={out}", *SMALL, *row.split()]
-                subprocess.run([sys.executable, "-c", RUN, *overrides], check=True, stdout=subprocess.DEVNULL)
-                times = json.loads((out / "metrics.json").read_text(encoding="utf-8"))["time_s"]
-                found.append(sum(taken for phase, taken in times.items() if phase not in NOT_OF_THE_ROW))
+                subprocess.run([sys.executable, "-m", "ia_bench", *overrides], check=True, stdout=subprocess.DEVNULL)
+                found.append(json.loads((out / "metrics.json").read_text(encoding="utf-8"))["cpu_seconds"])
     first = next(iter(seconds.values()))
     print("| row | CPU seconds | times the first |\n| :--- | ---: | ---: |")
     for row, found in seconds.items():

@@ -1,4 +1,4 @@
-"""What a run spends, and on what: seconds by phase, and the rays and points of the fit itself."""
+"""What a run spends, and on what: seconds by phase, and the CPU seconds, rays and points of the fit itself."""
 
 from __future__ import annotations
 
@@ -9,14 +9,19 @@ from contextlib import contextmanager
 from typing import Any
 
 
+OF_THE_FIT = ("bake",)
+"""Entries whose seconds are a cost of the fit all the same."""
+
+
 class CostTracker:
     """The accounts of one run, those of the processes before an interruption included.
 
     What is spent inside an :meth:`exclude` block, on baking or on scoring, is no cost of the fit: its seconds go into an entry of
-    their own and its counts into none. A block inside another one belongs to the outer one.
+    their own and its counts into none. Of CPU seconds baking is a part. A block inside another one belongs to the outer one.
 
     Attributes:
         seconds: Entry -> seconds.
+        cpu_left_out: CPU seconds that are none of the fit's; negative for what it has spent in earlier processes.
     """
 
     def __init__(self) -> None:
@@ -25,6 +30,7 @@ class CostTracker:
         self._left_out: Counter[str] = Counter()  # of what is counted; negative for what earlier processes had counted
         self._inside = False
         self._started = time.perf_counter()
+        self.cpu_left_out = time.process_time()
 
     def watch(self, count: Callable[[], Mapping[str, int]]) -> None:
         """Counts come from ``count`` from now on: name -> how many so far."""
@@ -36,12 +42,15 @@ class CostTracker:
         if self._inside:
             yield
             return
-        self._inside, started, before = True, time.perf_counter(), Counter(self._count())
+        self._inside, before = True, Counter(self._count())
+        started, cpu_started = time.perf_counter(), time.process_time()
         try:
             yield
         finally:
             self._inside = False
             self.seconds[entry] = self.seconds.get(entry, 0.0) + time.perf_counter() - started
+            if entry not in OF_THE_FIT:
+                self.cpu_left_out += time.process_time() - cpu_started
             self._left_out.update(self._count())
             self._left_out.subtract(before)
 
@@ -53,13 +62,19 @@ class CostTracker:
         """Seconds of the whole run."""
         return time.perf_counter() - self._started
 
+    def cpu_seconds(self) -> float:
+        """CPU seconds of all threads of the fit, baking included; what else runs on the machine hardly changes them."""
+        return time.process_time() - self.cpu_left_out
+
     def state(self) -> dict[str, Any]:
         """For a checkpoint."""
-        return {"seconds": dict(self.seconds), "counts": self.counts(), "total": self.total()}
+        done = {"total": self.total(), "cpu_seconds": self.cpu_seconds()}
+        return {"seconds": dict(self.seconds), "counts": self.counts(), **done}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from :meth:`state`; what this process has done so far repeated what is in it already."""
         self.seconds = dict(state["seconds"])
         self._started = time.perf_counter() - state["total"]
+        self.cpu_left_out = time.process_time() - state["cpu_seconds"]
         self._left_out = Counter(self._count())
         self._left_out.subtract(state["counts"])

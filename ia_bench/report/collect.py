@@ -12,6 +12,7 @@ Columns of :class:`Runs`, empty where a run has none (None for a text, NaN for a
     config_hash             the first digits of it
     <component>_<metric>    a score, also under other definitions ("albedo_linear_psnr") and of a shape ("geometry_depth")
     seconds, seconds_PHASE  what the row costs, and every phase by itself
+    cpu_seconds             the same in CPU seconds of all cores
     declared, declared_...  "yes" where these seconds are what somebody says of results made elsewhere, and what else they say
     peak_memory_bytes, rays, network_calls
     folder                  where it lies; of a published run, the runs.csv
@@ -54,6 +55,7 @@ TEXTS = ("row", "scene", "problem", "protocol", "sees_truth", "capture", "preset
 WHOLE = ("seed", "photographs", "threads", "peak_memory_bytes", "rays", "network_calls")
 KEPT = ("folder", "reasons", "curve", "curve_problem")  # never written
 SCORES = tuple(metric.column for metric in MEASURED)
+SPENT = ("seconds", "cpu_seconds")
 TIMES, RESCORED = "seconds_", "rescored_from_"  # what the columns of phases, and of the run behind a new score, begin with
 DECLARED = "declared"  # what the columns begin with that hold what is said of results made elsewhere
 
@@ -98,9 +100,9 @@ def as_table(records: Iterable[Record]) -> Runs:
     """The table of records, which may lack any column but those of the cell."""
     runs = pd.DataFrame(list(records), dtype=object)
     texts = [*TEXTS, *(name for name in runs if name.startswith((RESCORED, DECLARED)))]
-    others = [name for name in runs if name not in {*texts, *WHOLE, *KEPT, *SCORES, "seconds"}]
+    others = [name for name in runs if name not in {*texts, *WHOLE, *KEPT, *SCORES, *SPENT}]
     phases = [name for name in others if name.startswith(TIMES)]
-    numbers = [*SCORES, *(name for name in others if name not in phases), "seconds", *phases]
+    numbers = [*SCORES, *(name for name in others if name not in phases), *SPENT, *phases]
     runs = runs.reindex(columns=[*texts, *numbers, *WHOLE, *KEPT])
     runs = runs.astype(dict.fromkeys(numbers, float) | dict.fromkeys(WHOLE, "Int64"))
     named = [*texts, *KEPT]
@@ -144,6 +146,7 @@ def read_run(folder: Path) -> Record:
         **{f"{TIMES}{phase}": seconds for phase, seconds in record.time_s.items()},
         **{f"{RESCORED}{key}": value for key, value in record.rescored_from.items()},
         "seconds": row_seconds(record.time_s),
+        "cpu_seconds": record.cpu_seconds,
         "peak_memory_bytes": record.peak_memory_bytes,
         "rays": record.rays,
         "network_calls": record.network_calls,
@@ -163,7 +166,7 @@ def _declared(record: RunRecord) -> Record:
     if said is None:
         return {}
     known = {f"{DECLARED}_{key}": str(value) for key, value in said.items() if value not in (None, "")}
-    return {"seconds": said.get("seconds"), "peak_memory_bytes": None, **known, DECLARED: "yes"}
+    return {"seconds": said.get("seconds"), "cpu_seconds": None, "peak_memory_bytes": None, **known, DECLARED: "yes"}
 
 
 def read_published(path: Path) -> list[Record]:
@@ -218,7 +221,7 @@ def _value_of(column: str, text: str) -> tuple[Any, str]:
         number = math.nan
     if column in WHOLE:
         return int(number) if number % 1 == 0 and abs(number) < 2**63 else None, "a whole number below 2^63"
-    return number if math.isfinite(number) else None, "a number" if column in (*SCORES, "seconds") else ""
+    return number if math.isfinite(number) else None, "a number" if column in (*SCORES, *SPENT) else ""
 
 
 def name_of(run: Mapping[str, Any]) -> str:

@@ -64,6 +64,7 @@ class RunRecord:
         albedo_scales: Alignment -> RGB scale, None where there is none.
         geometry: A shape that was made for the run against the true one.
         time_s: Phase -> seconds, scoring and ``total`` included.
+        cpu_seconds: What baking, prior and fit took of all cores; None on a GPU, and in records of before it was kept.
         peak_memory_bytes: Of the process.
         rays: Rays that were traced.
         network_calls: Images times evaluations of the prior's network.
@@ -102,6 +103,7 @@ class RunRecord:
     albedo_scales: dict[str, list[float] | None] = field(default_factory=dict)
     geometry: dict[str, Any] = field(default_factory=dict)
     time_s: dict[str, float] = field(default_factory=dict)
+    cpu_seconds: Annotated[float, Field(ge=0)] | None = None
     peak_memory_bytes: Count = 0
     rays: Count = 0
     network_calls: Count = 0

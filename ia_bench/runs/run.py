@@ -43,8 +43,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
     ask_for_the_same_numbers(config.device)
     costs = CostTracker()
     # ---- load ------------------------------------------------------------------------------------------------
-    scene = read_scene(config.scene, config.reader, truth=True)
     with costs.exclude("capture"):
+        scene = read_scene(config.scene, config.reader, truth=True)
         scene = captured(scene, config.capture, progress.note, progress.task)
     tell(scene, progress.note, aligned=config.protocol.alignment != "none")
     method: Method = method_of(config)
@@ -57,7 +57,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
     result = reconstruct(config.method.name, method, problem, seed=config.seed, monitor=record.monitor(progress))
 
     # ---- score and save --------------------------------------------------------------------------------------
-    counts = costs.counts()
+    counts, cpu_seconds = costs.counts(), costs.cpu_seconds()
     record.score("final", result.steps, sum(result.seconds.values()), lambda: result.reconstruction)
     with costs.exclude("score"):
         scores = scorer.full(result.reconstruction, progress.task)
@@ -73,6 +73,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
         **scores.as_dict(),
         "sees_truth": asked.sees_truth or method.info.sees_truth,
         "time_s": time_s,
+        "cpu_seconds": cpu_seconds if config.device == "cpu" else None,
         "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         "rays": counts.pop("rays", 0),
         "network_calls": result.counters.get("network_calls", 0),

@@ -34,3 +34,24 @@ def test_an_interrupted_run_goes_on_where_it_was() -> None:
     assert second.counts() == {"rays": 9}
     assert second.seconds == {"bake": 3.0}
     assert second.total() > 1000
+
+
+def work(seconds: float) -> None:
+    """Keep one core busy for so many CPU seconds."""
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+
+
+def test_cpu_seconds_are_those_of_baking_and_fit_in_all_processes_and_idle_time_is_none() -> None:
+    first, second = CostTracker(), CostTracker()
+    with first.exclude("score"):
+        work(0.05)
+    with first.exclude("bake"):
+        work(0.02)
+    work(0.02)
+    time.sleep(0.05)
+    assert 0.04 <= first.cpu_seconds() < 0.06
+    second.restore({**first.state(), "cpu_seconds": 1000.0})
+    work(0.01)
+    assert 1000.01 <= second.cpu_seconds() < 1000.05

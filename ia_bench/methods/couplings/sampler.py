@@ -65,13 +65,15 @@ class PriorSampler:
             samples = Samples(values, ceilings, about["cost"])
             self.counters["prior_cached"] += 1
             self.kept_seconds += about["seconds"]
+            self._problem.costs.cpu_left_out -= about.get("cpu_seconds", about["seconds"])
         else:
-            started = time.perf_counter()
+            started, cpu_started = time.perf_counter(), time.process_time()
             samples = ask(self._prior, observations, seed=self._seed, guidance=guidance)
             if self._cache is not None and key is not None:
                 parts = zip(PARTS, (samples.values, samples.ceilings), strict=True)
                 tensors = {part + name: value for part, of in parts for name, value in of.items()}
-                self._cache.put(key, tensors, {"seconds": time.perf_counter() - started, "cost": dict(samples.cost)})
+                took = {"seconds": time.perf_counter() - started, "cpu_seconds": time.process_time() - cpu_started}
+                self._cache.put(key, tensors, {**took, "cost": dict(samples.cost)})
         wrong = None if self._told else beyond_a_material(samples, observations.masks)
         if wrong is not None:
             self._told = True
