@@ -52,7 +52,7 @@ value: setup ## what priors are worth with fewer and poorer photographs: four ho
 
 TABLE ?= paper
 RESULTS = results/$(basename $(notdir $(TABLE)))
-report: setup ## the report of a table's runs again, without running (TABLE=longer_fits RUNS=FOLDER)
+report: setup ## the report of a table's runs again, without running (TABLE=ablations RUNS=FOLDER)
 	.venv/bin/ia-bench report $(or $(RUNS),$(RESULTS)) --out $(RESULTS) --table $(TABLE) $(ARGS)
 
 test: setup ## the fast tests

@@ -36,6 +36,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--table", help="a table of conf/table: order of rows and scenes, reference, claims")
     parser.add_argument("--only", action="store_true", help="of every runs.csv, take the rows of --table alone")
     parser.add_argument("--reference", help="the row that the others are compared with (default: the table's)")
+    more = "rows that are the reference with more work, for gains at equal seconds (default: the table's)"
+    parser.add_argument("--curve", nargs="+", metavar="ROW", help=more)
     wanted = parser.parse_args(arguments)
     return status_of(lambda: _report(wanted))
 
@@ -46,6 +48,7 @@ def _report(wanted: argparse.Namespace) -> int:
     if wanted.only and not wanted.table:
         raise InputError("--only: expected --table NAME beside it, found none")
     table = _compared_with(load_table(wanted.table) if wanted.table else Table(), wanted.reference)
+    table = table if wanted.curve is None else replace(table, curve=wanted.curve)
     rows = [row.name for row in table.crossed_rows]
     published = [run for path in tables for run in read_published(path) if not wanted.only or run["row"] in rows]
     first = wanted.runs[0] if wanted.runs[0].name not in ("", "..") else wanted.runs[0].resolve()
@@ -85,6 +88,7 @@ def finish(report: Report, out: Path, name: str) -> Path:
         *([OUR_TABLE.replace("\n", " "), ""] if findings.counterparts else []),
         pipe_table(results_table(findings.overall, findings.footnotes, measured(findings.overall, MAIN), {})),
         *(f"[^{number}]: {reason}" for reason, number in findings.footnotes.items()),
+        *([findings.timing.told, pipe_table(findings.timed)] if findings.timing and findings.timed else []),
         *(f"{row.name}: {row.note}" for row in findings.table.crossed_rows if row.note),
         "",
         *map(str, report.files),

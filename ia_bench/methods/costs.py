@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-
 OF_THE_FIT = ("bake",)
 """Entries whose seconds are a cost of the fit all the same."""
 

@@ -12,8 +12,9 @@ import pandas as pd
 from ia_bench.common.settings import flat
 from ia_bench.report.blocks import Block, block
 from ia_bench.report.collect import NOT_SCORED, Collection, Runs, finished, name_of, reason_of, setup_of
+from ia_bench.report.seconds import Timing, seconds_table, timing
 from ia_bench.report.statistics import Estimate, Paired, Verdict, judge, means, paired, side_by_side
-from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, counterparts, paper_rows
+from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, Printed, counterparts, paper_rows
 from ia_bench.report.worth import Gain, gains
 from ia_bench.runs.table import Table
 from ia_bench.scores.metrics import MEASURED
@@ -81,6 +82,16 @@ class Findings:
     def gains(self) -> list[Gain]:
         """What rows are worth, where the table photographs its scenes in several ways."""
         return gains(self.runs, self.table)
+
+    @cached_property
+    def timing(self) -> Timing | None:
+        """What rows cost beside their reference; None where nothing is compared, or took no time."""
+        return timing(self.runs, self.table, self.reference)
+
+    @cached_property
+    def timed(self) -> Printed | None:
+        """The table of gains at equal seconds."""
+        return None if self.timing is None else seconds_table(self.runs, self.timing, len(self.scenes))
 
     @cached_property
     def undefined(self) -> dict[str, str]:

@@ -25,6 +25,8 @@ from ia_bench.report.blocks import PSNRS
 from ia_bench.report.collect import KEPT, CellKey, Record, collect, reasons_text
 from ia_bench.report.curves import draw_scene, save
 from ia_bench.report.findings import MEAN, Findings, analyse
+from ia_bench.report.pareto import draw_pareto, points
+from ia_bench.report.seconds import seconds_records
 from ia_bench.report.statistics import HOW_DECIDED, HOW_JUDGED, INTERVALS, Paired, tally
 from ia_bench.report.table import Entry, Printed, carried_text
 from ia_bench.runs.table import Table
@@ -32,6 +34,9 @@ from ia_bench.scores.metrics import MEASURED, METRICS
 
 TITLE = "# Results\n"
 """How the template report.md begins."""
+PARETO = "pareto"
+SECONDS_FILES = ("seconds.csv", f"{PARETO}.png", f"{PARETO}.svg")
+"""What a report has where rows are compared with a reference."""
 DIGITS = 7
 """Significant digits of what was computed from runs; those themselves are written as they are."""
 LATEX = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
@@ -44,6 +49,8 @@ LATEX = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
     "↑": r"$\uparrow$",
     "↓": r"$\downarrow$",
     "‡": r"$^\ddagger$",
+    "“": "``",
+    "”": "''",
     "<": "$<$",
     ">": "$>$",
 }
@@ -66,7 +73,8 @@ def write_report(
 ) -> Report:
     """Write the report of run folders into ``out``.
 
-    Files: report.md, table.{tex,csv}, runs.csv, differences.csv, claims.csv, curves/SCENE.{png,svg}.
+    Files: report.md, table.{tex,csv}, runs.csv, differences.csv, claims.csv, seconds.csv and pareto.{png,svg} where rows are
+    compared with a reference, curves/SCENE.{png,svg}.
     Curves of other scenes that a former report has left there are removed.
 
     Args:
@@ -89,7 +97,8 @@ def write_report(
     ours = begins_with(out / "report.md", TITLE)
     pictures = _draw(findings, out / "curves")
     if ours:
-        remove_all_but(pictures, [*(out / "curves").glob("*.png"), *(out / "curves").glob("*.svg")])
+        former = [*(out / name for name in SECONDS_FILES), *(out / "curves").glob("*.png"), *(out / "curves").glob("*.svg")]
+        remove_all_but(pictures, former)
     differences = (
         ({"row": row, "reference": findings.reference, "metric": metric.key}, values[metric.key])
         for row, values in findings.differences.items()
@@ -103,7 +112,8 @@ def write_report(
     how_decided = HOW_DECIDED.format(family="all metrics of a table")
     words: dict[str, object] = {"intervals": INTERVALS, "how_judged": HOW_JUDGED, "how_decided": how_decided, "tally": tally}
     records = {"table.csv": _summaries(findings), "differences.csv": _paired(differences), "claims.csv": _paired(claimed)}
-    shown = [path.relative_to(out).as_posix() for path in pictures if path.suffix == ".png"]
+    records |= {"seconds.csv": seconds_records(findings.runs, findings.timing)} if findings.timing else {}
+    shown = [path.relative_to(out).as_posix() for path in pictures if path.suffix == ".png" and path.stem != PARETO]
     groups = [(name, len(list(metrics))) for name, metrics in groupby(METRICS, key=lambda metric: metric.group)]
     texts = {
         "report.md": _filled("report.md", findings, pictures=shown, **words),
@@ -120,6 +130,10 @@ def _draw(findings: Findings, folder: Path) -> list[Path]:
         if (figure := draw_scene(findings.runs, scene, findings.rows)) is not None:
             folder.mkdir(parents=True, exist_ok=True)
             pictures += save(figure, folder / re.sub(r"[^\w.-]", "_", scene))
+    front = None if findings.timing is None else draw_pareto(points(findings.runs, findings.timing))
+    if front is not None:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        pictures += save(front, folder.parent / PARETO)
     return pictures
 
 

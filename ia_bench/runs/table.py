@@ -73,6 +73,8 @@ class Row:
         note: What a reader has to know of it.
         paper: The row of the paper's table 1 that it stands for, None for one that the paper has not.
         captures: Labels of those of the table's captures that it is run with, None for all of them.
+        cost: CPU seconds of a fit, in any unit that all rows share, as they were measured apart from the table on one idle core; a
+            report takes them where runs have not recorded their own.
     """
 
     name: Name
@@ -80,6 +82,7 @@ class Row:
     note: str = ""
     paper: str | None = None
     captures: Annotated[list[str], Some] | None = None
+    cost: Annotated[float, Field(gt=0)] | None = None
 
 
 @dataclass
@@ -90,6 +93,7 @@ class Table:
         scenes: Names, or a :class:`SceneEntry` each.
         reference: The row that the others are compared with, scene by scene.
         claims: Orderings of rows that the report judges.
+        curve: Rows that are the reference with more work; what they reach is what the reference has after more seconds.
         includes: Tables whose rows and claims come before its own; what else it does not say is as the first of them says.
         captures: Ways to photograph every scene, each of settings of ``capture.*``; none means one that leaves nothing out. Every
             row is run with each (:attr:`crossed_rows`) and compared with the row ``reference`` of the same capture.
@@ -101,6 +105,7 @@ class Table:
     rows: list[Row] = field(default_factory=list)
     reference: str | None = None
     claims: list[Claim] = field(default_factory=list)
+    curve: list[str] = field(default_factory=list)
     includes: list[str] = field(default_factory=list)
     captures: Annotated[list[dict[str, Any]], Some] = field(default_factory=list)
     photographs: Annotated[int, Field(ge=1)] = 100
@@ -172,6 +177,7 @@ def _check(table: Table) -> None:
     names, rows = [row.name for row in table.crossed_rows], [row.name for row in table.rows]
     wanted = [(f"rows: {row.name}: captures", "capture", label, labels) for row in table.rows for label in row.captures or []]
     wanted += [("reference", "row", table.reference, rows)] if table.reference is not None else []
+    wanted += [("curve", "row", name, rows) for name in table.curve]
     for claim in table.claims:
         wanted += [("claims", "row", name, names) for name in (claim.better, claim.worse)]
         wanted += [("claims", "metric", metric, list(METRIC_OF)) for metric in claim.metrics]
@@ -226,6 +232,7 @@ def some_rows(table: Table, text: str) -> Table:
         rows=[row for row in table.rows if row.name in chosen],
         reference=table.reference if table.reference in chosen else None,
         claims=[claim for claim in table.claims if claim.better in chosen and claim.worse in chosen],
+        curve=[name for name in table.curve if name in chosen],
     )
 
 
@@ -239,7 +246,11 @@ def _whole(name: str, within: tuple[str, ...]) -> Table:
     parts = [_whole(other, (name, *within)) for other in table.includes]
     if not parts:
         return table
-    every = {key: getattr(parts[0], key) for key in ("scenes", "seeds", "reference", "captures", "photographs") if key not in own}
+    every = {
+        key: getattr(parts[0], key)
+        for key in ("scenes", "seeds", "reference", "curve", "captures", "photographs")
+        if key not in own
+    }
     every |= {key: [one for part in (*parts, table) for one in getattr(part, key)] for key in ("rows", "claims")}
     return replace(table, **every)
 

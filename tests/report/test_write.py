@@ -55,8 +55,8 @@ def out(report: Report) -> Path:
 def test_every_file_is_written_and_nothing_partial_is_left(report: Report, out: Path) -> None:
     names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     pictures = {f"curves/{scene}.{kind}" for scene in ("hat", "ship") for kind in ("png", "svg")}
-    tables = {"table.tex", *(f"{name}.csv" for name in ("table", "runs", "differences", "claims"))}
-    assert names == {"report.md"} | tables | pictures
+    tables = {"table.tex", *(f"{name}.csv" for name in ("table", "runs", "differences", "claims", "seconds"))}
+    assert names == {"report.md", "pareto.png", "pareto.svg"} | tables | pictures
     assert {path.relative_to(out).as_posix() for path in report.files} == names
 
 
@@ -144,7 +144,7 @@ def test_latex_has_the_papers_layout(out: Path) -> None:
     text = (out / "table.tex").read_text()
     check_latex(text)
     tables = text.split("\\begin{table*}")[1:]
-    assert len(tables) == 5  # as in the paper, with intervals, claims, two scenes
+    assert len(tables) == 6  # as in the paper, with intervals, at equal seconds, claims, two scenes
     groups = ("Albedo", "Aligned Albedo", "View Synthesis", "Relighting")
     header = "".join(rf" & \multicolumn{{3}}{{c}}{{{name}}}" for name in groups) + r" & \multicolumn{1}{c}{Roughness} \\"
     assert header in tables[0].splitlines()
@@ -155,7 +155,7 @@ def test_latex_has_the_papers_layout(out: Path) -> None:
     assert r"ours & \textbf{22.50} & 0.9000" in tables[0]
     assert "oracle\\_*$^\\dagger$ & 40.00" in tables[0]
     assert r"ours & \textbf{22.50\,$\pm$\,1.52 / 25.41} &" in tables[1]
-    assert "With our small prior: 1 reproduced, 0 not reproduced" in tables[2]
+    assert "With our small prior: 1 reproduced, 0 not reproduced" in tables[3]
 
 
 def check_latex(text: str) -> None:

@@ -1,0 +1,266 @@
+"""What a row gains over its reference after the same seconds, and which rows nobody beats in less time.
+
+Whoever compares a prior with none compares two methods of which one takes longer. A table names the rows that are its reference
+with more work (:attr:`ia_bench.runs.table.Table.curve`: more steps, more samples, a solved albedo). What the reference has after t
+seconds is the best of them so far, scene by scene and seed by seed, on a straight line in log t between two that are each better
+than all before. It is chosen by the score that is compared, which favours the reference; before its cheapest it has what that has.
+
+Seconds are those of baking, prior and all steps, without scoring and the scene's preparation. They count as multiples of the
+reference's, its cost, for a row as a whole: mean over scenes of means over the seeds that both have.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ia_bench.report.collect import Record, Runs, finished
+from ia_bench.report.statistics import Paired, Scores, better, side_by_side
+from ia_bench.report.table import BOUNDS, Entry, Printed, difference_text
+from ia_bench.runs.table import Table, capture_of, crossed_name
+from ia_bench.scores.metrics import METRIC_OF, Metric
+
+WORTH_METRICS = tuple(METRIC_OF[key] for key in ("aligned_albedo.psnr", "relighting.psnr"))
+"""Metrics in which gains are told."""
+CPU, WALL = "CPU seconds of the runs", "wall-clock seconds of the runs"
+STATED = "costs that the table states, measured apart from these runs on one idle core with threads=1"
+UNEQUAL = ("cpu", "threads", "commit")
+"""In which runs must not differ if their seconds are to compare."""
+MOST = 4  # values of these that are named
+BEYOND = ">"
+"""What follows a gain where the row takes longer than the whole curve: the reference might gain more with as many seconds."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """How long rows take under one capture. Rows are called by their whole names, with their capture.
+
+    Attributes:
+        capture: The capture's label.
+        reference: The row that all others are compared with.
+        costs: Row -> its seconds over the reference's, of the rows that were run and whose seconds compare.
+        curve: Those of them that are the reference with more work, the reference among them, the cheapest first.
+        ranked: Those of them that may stand on a Pareto front, since they do not see the truth.
+    """
+
+    capture: str
+    reference: str
+    costs: Mapping[str, float]
+    curve: tuple[str, ...]
+    ranked: frozenset[str]
+
+    def short(self, row: str) -> str:
+        """The name of a row without its capture."""
+        return row.removesuffix(f", {self.capture}") if self.capture else row
+
+    def beyond(self, row: str) -> bool:
+        """Whether a row takes longer than the whole curve."""
+        return row in self.costs and self.costs[row] > self.costs[self.curve[-1]]
+
+    def equal(self, scores: Scores, row: str, metric: Metric) -> Paired:
+        """Row minus what the curve has after the row's seconds, positive where the row is better.
+
+        Of the scenes and seeds that the row and every row of the curve have; none for a row whose seconds do not compare.
+        """
+        sign = 1 if metric.higher_is_better else -1
+        pairs: dict[str, dict[int, float]] = {}
+        for (scene, seed), score in scores.get(row, {}).items() if row in self.costs else ():
+            points = [
+                (self.costs[one], sign * scores[one][scene, seed]) for one in self.curve if (scene, seed) in scores.get(one, {})
+            ]
+            if len(points) == len(self.curve):
+                pairs.setdefault(scene, {})[seed] = sign * score - best_after(points, self.costs[row])
+        return Paired(pairs)
+
+    def scores(self, scores: Scores, metric: Metric) -> dict[str, float]:
+        """Row -> mean score of the ``ranked`` rows that have every scene of the reference: its level plus what the row gains."""
+        own, found = scores.get(self.reference, {}), {}
+        level, scenes = _mean_over_scenes(own) if own else 0.0, {scene for scene, _ in own}
+        for row in self.costs:
+            pairs = better(scores, row, self.reference, metric)
+            if row in self.ranked and own and (gained := pairs.over_scenes) and pairs.pairs.keys() == scenes:
+                found[row] = level + gained.mean * (1 if metric.higher_is_better else -1)
+        return found
+
+    def front(self, scores: Mapping[str, float], metric: Metric) -> set[str]:
+        """Rows of ``scores`` than which none is both cheaper and better; of two that cost the same the better one."""
+        sign = 1 if metric.higher_is_better else -1
+        ordered = sorted(scores, key=lambda row: (self.costs[row], -sign * scores[row]))
+        return {row for place, row in enumerate(ordered) if all(sign * (scores[row] - scores[one]) > 0 for one in ordered[:place])}
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The clock of every capture; ``counted``: what seconds are (CPU, STATED, WALL); ``unequal``: why they hardly compare."""
+
+    counted: str
+    unequal: str
+    clocks: tuple[Clock, ...]
+
+    @property
+    def told(self) -> str:
+        """How seconds were counted and what the reference's curve is, in sentences; what spoils the comparison comes first."""
+        clock = max(self.clocks, key=lambda one: len(one.curve))
+        reference = clock.short(clock.reference)
+        curve = ", ".join(f"“{clock.short(row)}” ({clock.costs[row]:.2f})" for row in clock.curve)
+        how = f"straight in the logarithm of seconds between two of them; {BEYOND} the row takes longer than the dearest"
+        words = [
+            self.unequal,
+            f"Seconds are {self.counted}: baking, prior and all steps, without scoring and the scene's preparation, as multiples "
+            f"of those of “{reference}”.",
+            f"At equal seconds: the row minus the best of {curve} after the row's seconds, per scene and seed, {how}."
+            if len(clock.curve) > 1
+            else f"“{reference}” was not run with more work: what it has after more seconds is not known ({BEYOND}).",
+        ]
+        return " ".join(word for word in words if word)
+
+
+def best_after(points: Iterable[tuple[float, float]], cost: float) -> float:
+    """The best of ``points`` (cost, score; more is better) after ``cost``.
+
+    Those that some cheaper one is as good as are passed over; between two others the score is straight in the logarithm of the
+    cost. Before the cheapest it is that one's score, after the dearest the best.
+    """
+    kept: list[tuple[float, float]] = []
+    for point in sorted(points, key=lambda one: (one[0], -one[1])):
+        if not kept or point[1] > kept[-1][1]:
+            kept.append(point)
+    costs, scores = zip(*kept, strict=True)
+    return float(np.interp(math.log(cost), np.log(costs), scores))
+
+
+def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
+    """The clocks of a report's runs; None where nothing is compared, or no run of a reference took time.
+
+    ``reference``: the row that all others are compared with, where the table's captures do not have one each. Seconds are CPU
+    seconds where every run has them, else what the table states, else wall-clock seconds.
+    """
+    done = finished(runs)
+    if "declared" in done:  # somebody's seconds, on a machine of theirs
+        done = done[done["declared"].isna()]
+    done = done[(done["seconds"] > 0) & ~done["row"].isin([*BOUNDS])]
+    stated = {row.name: row.cost for row in table.crossed_rows if row.cost is not None}
+    counted = CPU if len(done) and (done["cpu_seconds"] > 0).all() else STATED if stated else WALL
+    spent = _spent(done, "cpu_seconds" if counted == CPU else "seconds")
+    blind = frozenset(done["row"]) - set(done.loc[done["sees_truth"].eq(True), "row"])
+    if table.captures:
+        labels = [capture_of(one).label for one in table.captures] if table.reference else []
+        known = [(label, crossed_name(str(table.reference), label), [row.name for row in table.rows]) for label in labels]
+    else:
+        known = [("", reference, list(spent))] if reference else []
+    clocks = []
+    for label, first, names in known:
+        rows = [crossed_name(name, label) for name in names]
+        costs = {row: cost for row in rows if (cost := _cost(spent, row, first, stated if counted == STATED else None)) is not None}
+        if first in costs:
+            curve = sorted({first, *(crossed_name(name, label) for name in table.curve)} & costs.keys(), key=costs.__getitem__)
+            clocks.append(Clock(label, first, costs, tuple(curve), blind))
+    measured = done[done["row"].isin([row for clock in clocks for row in clock.costs])]
+    clocks = [clock for clock in clocks if len(clock.costs) > 1]
+    return Timing(counted, _unequal(measured, counted), tuple(clocks)) if clocks else None
+
+
+def _spent(done: Runs, column: str) -> dict[str, dict[tuple[str, int], float]]:
+    found: dict[str, dict[tuple[str, int], float]] = {}
+    for row, scene, seed, value in zip(*(done[name].tolist() for name in ("row", "scene", "seed", column)), strict=True):
+        found.setdefault(row, {})[scene, seed] = value
+    return found
+
+
+def _cost(spent: Scores, row: str, reference: str, stated: Mapping[str, float] | None) -> float | None:
+    """Seconds of a row over the reference's; None where they share no run, or the table states no cost of one."""
+    if stated is not None:
+        return stated[row] / stated[reference] if row in spent and row in stated and reference in stated else None
+    cells = spent.get(row, {}).keys() & spent.get(reference, {}).keys()
+    if not cells:
+        return None
+    ours, theirs = (_mean_over_scenes({cell: spent[one][cell] for cell in cells}) for one in (row, reference))
+    return ours / theirs
+
+
+def _mean_over_scenes(values: Mapping[tuple[str, int], float]) -> float:
+    """Mean over scenes of the means over their seeds."""
+    scenes: dict[str, list[float]] = {}
+    for (scene, _), value in values.items():
+        scenes.setdefault(scene, []).append(value)
+    return float(np.mean([np.mean(seeds) for seeds in scenes.values()]))
+
+
+def _unequal(measured: Runs, counted: str) -> str:
+    """In what runs differ, or nobody knows, that decides seconds; a sentence, or nothing."""
+    found = []
+    for name in UNEQUAL:
+        values = sorted({str(value)[:12] for value in measured[name].astype(object).where(measured[name].notna(), "unknown")})
+        if len(values) > 1 or values == ["unknown"]:
+            found.append(f"{name} ({', '.join(values[:MOST])}{' and others' if len(values) > MOST else ''})")
+    so = "their own seconds are not used" if counted == STATED else "their seconds hardly compare"
+    return f"Runs differ in {' and '.join(found)}: {so}." if found else ""
+
+
+# ---- what is told ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A row in one metric: its ``gain`` over the reference, the ``equal`` one at equal seconds, both positive where it is better.
+
+    ``beyond``: whether it takes longer than the whole curve; ``front``: whether it is on the Pareto front; ``score``: its mean as
+    :meth:`Clock.scores` has it, None for one that is not ranked.
+    """
+
+    gain: Paired
+    equal: Paired
+    beyond: bool
+    front: bool
+    score: float | None
+
+
+def compared(runs: Runs, time: Timing, metric: Metric) -> dict[str, Compared]:
+    """Row -> what it is beside its reference, capture after capture."""
+    scores, found = side_by_side(runs, metric), {}
+    for clock in time.clocks:
+        means = clock.scores(scores, metric)
+        front = clock.front(means, metric)
+        for row in clock.costs:
+            pairs = better(scores, row, clock.reference, metric), clock.equal(scores, row, metric)
+            found[row] = Compared(*pairs, clock.beyond(row), row in front, means.get(row))
+    return found
+
+
+def equal_text(one: Compared, metric: Metric, scenes: int) -> str:
+    """The gain at equal seconds with its intervals, and BEYOND."""
+    return difference_text(one.equal, metric, scenes) + (f" {BEYOND}" if one.beyond and one.equal.count else "")
+
+
+def seconds_table(runs: Runs, time: Timing, scenes: int) -> Printed:
+    """A line for every row: its cost, and in each of WORTH_METRICS its gain, that at equal seconds, whether it is on the front."""
+    found = {metric: compared(runs, time, metric) for metric in WORTH_METRICS}
+    body: list[list[Entry | str]] = []
+    for clock in time.clocks:
+        for row, cost in clock.costs.items():
+            cells: list[Entry | str] = [row, f"{cost:.2f}"]
+            for metric, rows in found.items():
+                told = [difference_text(rows[row].gain, metric, scenes), equal_text(rows[row], metric, scenes)]
+                cells += [*(["–", "–"] if row == clock.reference else told), "yes" if rows[row].front else ""]
+            body.append(cells)
+    heads = [f"{metric.group} {metric.label}: {what}" for metric in WORTH_METRICS for what in ("gain", "at equal seconds", "front")]
+    return Printed(["Row", f"Seconds / {time.clocks[0].short(time.clocks[0].reference)}", *heads], body)
+
+
+def seconds_records(runs: Runs, time: Timing) -> Iterable[Record]:
+    """Lines of seconds.csv: every row in each of WORTH_METRICS."""
+    for metric in WORTH_METRICS:
+        found = compared(runs, time, metric)
+        for clock, row in [(one, row) for one in time.clocks for row in one.costs]:
+            one = found[row]
+            label = {"capture": clock.capture, "row": row, "reference": clock.reference, "metric": metric.key}
+            costs = {"counted": time.counted, "cost": clock.costs[row], "score": one.score, "front": one.front}
+            line: Record = {**label, **costs, "beyond_curve": one.beyond}
+            for name, pairs in (("gain", one.gain), ("equal_seconds", one.equal)):
+                seeds, wider = pairs.over_seeds, pairs.over_scenes
+                line |= {name: wider and wider.mean, f"{name}_half_width_over_seeds": seeds and seeds.half_width}
+                line |= {f"{name}_half_width_over_scenes": wider and wider.half_width, f"{name}_pairs": pairs.count}
+            yield line

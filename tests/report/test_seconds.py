@@ -1,0 +1,204 @@
+"""Gains at equal seconds and the Pareto front, against numbers worked out by hand."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from scored_runs import scored
+
+from ia_bench.report.collect import Collection, Record, as_table
+from ia_bench.report.findings import analyse
+from ia_bench.report.pareto import draw_pareto, points
+from ia_bench.report.seconds import CPU, STATED, WALL, WORTH_METRICS, Timing, best_after, compared, seconds_table, timing
+from ia_bench.report.value import write_value
+from ia_bench.report.worth import gains
+from ia_bench.report.write import write_report
+from ia_bench.runs.table import Row, Table
+from ia_bench.scores.metrics import METRIC_OF
+
+ALBEDO, ROUGHNESS = WORTH_METRICS[0], METRIC_OF["roughness.mse"]
+TABLE = Table(
+    rows=[Row(name, []) for name in ("none", "twice", "four times", "ours", "slow")],
+    reference="none",
+    curve=["twice", "four times"],
+)
+SPENT = {"none": 10.0, "twice": 20.0, "four times": 40.0, "ours": 10 * math.sqrt(8), "slow": 80.0}
+SAME = {"cpu": "Abacus 2", "threads": 1, "commit": "0" * 40}
+HIGH = {
+    "none": 20.0,
+    "twice": 22.0,
+    "four times": 21.0,
+    "ours": 25.0,
+    "slow": 26.0,
+}  # of the first scene: steps cost it after a while
+RISING = {"none": 20.0, "twice": 22.0, "four times": 26.0, "ours": 25.0, "slow": 26.0}
+
+
+def run(row: str, scene: str, seed: int, value: float, **more: object) -> Record:
+    spent = {"seconds": SPENT[row], "cpu_seconds": SPENT[row]}
+    return scored(row, scene, seed, value, **{"roughness_mse": 1 / value, **spent, **SAME, **more})
+
+
+def records(seeds: int = 1, **more: object) -> list[Record]:
+    return [
+        run(row, scene, seed, value, **more)
+        for scene, levels in (("falls", HIGH), ("rises", RISING))
+        for row, value in levels.items()
+        for seed in range(seeds)
+    ]
+
+
+def clocked(found: list[Record], table: Table = TABLE) -> Timing:
+    time = timing(as_table(found), table, table.reference)
+    assert time is not None
+    return time
+
+
+@pytest.mark.parametrize(
+    ("cost", "best"),
+    [
+        (0.5, 10.0),  # before the cheapest: what that has
+        (1.0, 10.0),
+        (2.0, 12.0),  # half way between 1 and 4 in the logarithm; 2 itself is worse than 1
+        (4.0, 14.0),
+        (8.0, 14.5),
+        (16.0, 15.0),
+        (99.0, 15.0),  # after the dearest: the best
+    ],
+)
+def test_the_best_so_far_is_straight_in_the_logarithm_between_what_is_better_than_all_before(cost: float, best: float) -> None:
+    assert best_after([(4.0, 14.0), (1.0, 10.0), (2.0, 9.0), (16.0, 15.0), (32.0, 3.0)], cost) == pytest.approx(best)
+
+
+def test_gains_at_equal_seconds_are_taken_scene_by_scene() -> None:
+    """``ours`` takes sqrt(8) times as long, half way from twice to four times as long in the logarithm: 22 dB, and 24 dB."""
+    found = compared(as_table(records()), clocked(records()), ALBEDO)
+    assert found["ours"].gain.pairs == {"falls": {0: 5.0}, "rises": {0: 5.0}}
+    assert found["ours"].equal.pairs["falls"][0] == pytest.approx(3.0)
+    assert found["ours"].equal.pairs["rises"][0] == pytest.approx(1.0)
+    assert found["none"].equal.pairs == {"falls": {0: 0.0}, "rises": {0: 0.0}}
+    assert found["four times"].equal.pairs == {"falls": {0: -1.0}, "rises": {0: 0.0}}, "twice as long was better"
+    assert (found["ours"].beyond, found["four times"].beyond, found["slow"].beyond) == (False, False, True)
+    assert found["slow"].equal.pairs == {"falls": {0: 4.0}, "rises": {0: 0.0}}
+
+
+def test_less_error_is_better() -> None:
+    found = compared(as_table(records()), clocked(records()), ROUGHNESS)
+    between = (1 / 22 + 1 / 26) / 2
+    assert found["ours"].equal.pairs["rises"][0] == pytest.approx(between - 1 / 25)
+    assert found["ours"].front
+
+
+def test_scenes_and_seeds_count_that_the_whole_curve_has() -> None:
+    some = [one for one in records(2) if (one["row"], one["seed"]) != ("twice", 1)]
+    found = compared(as_table(some), clocked(some), ALBEDO)
+    assert found["ours"].gain.count == 4
+    assert found["ours"].equal.count == 2
+    assert {seed for seeds in found["ours"].equal.pairs.values() for seed in seeds} == {0}
+    some = [one for one in records() if one["row"] != "four times"]  # a row of the curve that nobody has run is none of it
+    assert compared(as_table(some), clocked(some), ALBEDO)["slow"].equal.pairs == {"falls": {0: 4.0}, "rises": {0: 4.0}}
+
+
+def test_the_front_is_what_nobody_beats_in_less_time() -> None:
+    found = compared(as_table(records()), clocked(records()), ALBEDO)
+    assert [row for row, one in found.items() if one.front] == ["none", "twice", "ours", "slow"]
+    assert found["four times"].score == pytest.approx(23.5)
+    seen = [one | {"sees_truth": one["row"] == "ours"} for one in records()]
+    found = compared(as_table(seen), clocked(seen), ALBEDO)
+    assert [row for row, one in found.items() if one.front] == ["none", "twice", "four times", "slow"], "the truth is no competitor"
+    assert found["ours"].gain.count == 2
+    few = [one for one in records() if (one["row"], one["scene"]) != ("ours", "falls")]
+    assert compared(as_table(few), clocked(few), ALBEDO)["ours"].score is None, "a row that lacks a scene is not ranked"
+
+
+def test_cpu_seconds_count_where_every_run_has_them_then_costs_of_the_table_then_the_wall_clock() -> None:
+    assert clocked(records()).counted == CPU
+    busy = [one | {"seconds": 1000.0} for one in records()]
+    assert clocked(busy).clocks[0].costs["twice"] == pytest.approx(2.0)
+    former = [one | ({"cpu_seconds": None} if one["row"] == "none" else {}) for one in records()]
+    assert clocked(former).counted == WALL
+    costs = {"none": 2.0, "twice": 3.0, "ours": 4.0}
+    stated = replace(TABLE, rows=[replace(row, cost=costs.get(row.name)) for row in TABLE.rows])
+    time = clocked(former, stated)
+    assert time.counted == STATED
+    assert time.clocks[0].costs == {"none": 1.0, "twice": 1.5, "ours": 2.0}
+    assert time.clocks[0].curve == ("none", "twice")
+
+
+def test_the_first_sentence_says_what_spoils_the_comparison() -> None:
+    assert clocked(records()).told.startswith("Seconds are CPU seconds of the runs: baking, prior and all steps")
+    assert "the best of “none” (1.00), “twice” (2.00), “four times” (4.00)" in clocked(records()).told
+    mixed = [one | ({"commit": "1" * 40} if one["row"] == "ours" else {}) | {"threads": None} for one in records()]
+    first = clocked(mixed).told.split(": ")[0]
+    assert first == "Runs differ in threads (unknown) and commit (000000000000, 111111111111)"
+    alone = clocked(records(), replace(TABLE, curve=[]))
+    assert "“none” was not run with more work" in alone.told
+    assert compared(as_table(records()), alone, ALBEDO)["ours"].beyond
+
+
+def test_seconds_of_others_and_rows_without_a_run_of_the_reference_are_left_out() -> None:
+    more = [
+        *records(),
+        run("ours", "elsewhere", 0, 30.0) | {"row": "alone"},
+        run("ours", "falls", 0, 30.0) | {"row": "brought", "declared": "yes"},
+    ]
+    assert set(clocked(more).clocks[0].costs) == set(SPENT)
+    assert timing(as_table(records()), replace(TABLE, reference=None), None) is None
+    assert timing(as_table(records(seconds=0.0)), TABLE, "none") is None
+
+
+def test_the_report_has_the_table_the_picture_and_the_numbers(tmp_path: Path) -> None:
+    report = write_report([], tmp_path, TABLE, records(2))
+    text = (tmp_path / "report.md").read_text()
+    assert "| ours | 2.83 | +5.00 ± 0.00 / 0.00 / 0.00 | +2.00 ± 0.00 / 12.71 / 22.01 | yes |" in text
+    assert "| slow | 8.00 | +6.00 ± 0.00 / 0.00 / 0.00 | +2.00 ± 0.00 / 25.41 / 44.02 \\> | yes |" in text
+    assert "| none | 1.00 | – | – | yes |" in text
+    assert {"pareto.png", "pareto.svg", "seconds.csv"} <= {path.name for path in report.files}
+    lines = {(one["row"], one["metric"]): one for one in csv.DictReader((tmp_path / "seconds.csv").open())}
+    ours = lines["ours", "aligned_albedo.psnr"]
+    assert (float(ours["equal_seconds"]), ours["front"], ours["beyond_curve"]) == (pytest.approx(2.0), "True", "False")
+    write_report([], tmp_path, replace(TABLE, reference=None, curve=[]), records(2))
+    assert not (tmp_path / "pareto.png").exists(), "of a former report"
+
+
+def test_the_picture_has_rows_from_the_cheapest_to_the_dearest() -> None:
+    found = points(as_table(records()), clocked(records()))
+    assert [row["row"] for row in found[0]["rows"]] == sorted(SPENT, key=SPENT.__getitem__)
+    figure = draw_pareto(found)
+    assert figure is not None
+    assert [panel.get_title() for panel in figure.axes] == ["Aligned albedo PSNR", "Relighting PSNR"]
+    dashed = next(line for line in figure.axes[0].lines if line.get_label() == "none with more work")
+    assert list(dashed.get_xdata()) == [1.0, 2.0, 4.0]
+    assert draw_pareto([]) is None
+
+
+def test_what_a_prior_is_worth_has_it_beside_the_gain_for_every_capture(tmp_path: Path) -> None:
+    table = replace(TABLE, captures=[{}, {"views": 8}], rows=[*TABLE.rows[:4], Row("slow", [], captures=[""])])
+    some = [one | {"row": f"{one['row']}{end}"} for one in records(2) for end in ("", ", 8 views")]
+    some = [one for one in some if one["row"] not in ("slow, 8 views", "four times, 8 views")]
+    found = {(one.capture, one.row): one for one in gains(as_table(some), table) if one.metric == ALBEDO}
+    equal = found["", "ours"].equal
+    assert equal is not None
+    assert (equal.over_scenes.mean, equal.beside) == (pytest.approx(2.0), pytest.approx(23.0))
+    assert (found["8 views", "ours"].beyond, found["", "ours"].beyond) == (True, False)
+    write_value(analyse(Collection(as_table(some)), table), tmp_path)
+    text = (tmp_path / "value.md").read_text()
+    assert "## Aligned albedo PSNR ↑ at equal seconds" in text
+    assert "+2.00 (+1.00 to +3.00), after 2.83 |" in text
+    assert "**+3.00 (+3.00 to +3.00), after 2.83 \\>**" in text
+    lines = {(one["capture"], one["row"], one["metric"]): one for one in csv.DictReader((tmp_path / "value.csv").open())}
+    assert float(lines["all views", "ours", "aligned_albedo.psnr"]["equal_seconds"]) == pytest.approx(2.0)
+
+
+def test_the_table_of_captures_calls_rows_by_their_whole_names() -> None:
+    table = replace(TABLE, captures=[{"views": 8}])
+    some = [one | {"row": f"{one['row']}, 8 views"} for one in records()]
+    time = clocked(some, table)
+    printed = seconds_table(as_table(some), time, 2)
+    assert printed.header[1] == "Seconds / none"
+    assert [cells[0] for cells in printed.body] == [f"{row.name}, 8 views" for row in TABLE.rows]
+    assert "“twice” (2.00)" in time.told
