@@ -34,6 +34,7 @@ from ia_bench.render.estimator import FromObject, Shaded, lattice
 from ia_bench.render.gbuffer import GBuffer, SurfacePoints
 from ia_bench.render.indirect import IndirectLight, Interreflection
 from ia_bench.render.renderer import BrdfRayCache, PixelRadiance, Renderer, samples_taken
+from ia_bench.render.turns import Bounced
 from ia_bench.scenes.scene import Mesh
 
 LEAST_PDF = 1e-12
@@ -275,8 +276,9 @@ class TorchRenderer(Renderer):
         if compiled:
             self._sample, self._shade = (torch.compile(f, dynamic=False) for f in (sample_directions, shade_directions))
 
-    def _bounce(self, material: Material, light: SampledLight) -> IndirectLight | None:
-        return None if self.interreflection is None else solve(self.interreflection, material.albedo, light.radiance)
+    def _bounce(self, gbuffer: GBuffer, material: Material, light: SampledLight, most: int | None = None) -> Bounced | None:
+        own = self.interreflection
+        return None if own is None else Bounced(solve(own, material.albedo, light.radiance), len(own.atlas.place))
 
     def _render(
         self,
@@ -284,7 +286,7 @@ class TorchRenderer(Renderer):
         pixels: Tensor,
         material: Material,
         light: SampledLight,
-        indirect: IndirectLight | None,
+        indirect: Bounced | None,
         samples: int,
         rotation: Tensor,
         part: int = 0,
@@ -308,7 +310,7 @@ class TorchRenderer(Renderer):
                 seen = self.interreflection.seen(surface, direction[:, count:], blocked[:, count:])
         if indirect is not None:
             assert self.interreflection is not None
-            of_object = FromObject(indirect.arriving, indirect.leaving, self.interreflection.atlas.row, seen)
+            of_object = indirect.seen_by(None, seen, self.interreflection.atlas.row)
         weight = weight * ~blocked[..., None]
         shaded = shade(surface, direction, texel, weight, material, light.radiance, self.coat, of_object, self._shade)
         pool = (face >= 0).reshape(-1, points, 1) / points

@@ -54,6 +54,10 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         from ia_bench.capture.shapes import with_geometry
 
         shaped = with_geometry(shaped, settings, note, normals, begin)
+    if settings.light != "static":
+        from ia_bench.capture.turntable import turning_light
+
+        shaped = replace(shaped, turning=turning_light(shaped.train, settings, note))
     if not settings.margin:
         return shaped
     from ia_bench.capture.faults import inside
@@ -93,6 +97,8 @@ def record(scene: Scene, settings: CaptureSettings) -> dict[str, Any]:
     further: dict[str, Any] = {} if settings.faults == FaultSettings() else {"faults": asdict(settings.faults)}
     if any(view.exposure is not None for view in (*scene.test, *scene.novel)):
         further["recorded_exposures"] = "divided out"
+    if scene.turning is not None:
+        further["turning"] = scene.turning.record()
     return {
         "views": len(scene.train),
         "radiometry": settings.radiometry,

@@ -74,6 +74,9 @@ class CaptureSettings:
         jpeg: Of "ldr": quality of the JPEG that each photograph goes through, 1 to 95 as encoders count; "none" keeps all bits.
         background: Grey behind the object, as a share of the radiance at ``percentile``: pixels at the edge mix it in, and a mask
             that is too large shows it. "none": the object is cut out without any.
+        light: "static" stands still about the object; "turntable" stands still about the camera while the object turns on an axis;
+            "camera" is fixed to the camera, as a lamp on it is, or any before which an object is turned by hand.
+        turntable_axis: Of "turntable": its direction in the object's coordinates; "auto" fits it to the cameras.
         faults: What goes wrong besides.
         consistency: Rounds in which poses and masks are made to agree with the hull of all masks, before anything else is made of
             them; 0 takes them as they are.
@@ -95,6 +98,8 @@ class CaptureSettings:
     percentile: Annotated[float, Field(gt=0, le=100)] = 98.0
     jpeg: Annotated[int, Field(ge=1, le=95)] | Literal["none"] = "none"
     background: Annotated[float, Field(ge=0, le=10)] | Literal["none"] = "none"
+    light: Literal["static", "turntable", "camera"] = "static"
+    turntable_axis: tuple[float, float, float] | Literal["auto"] = "auto"
     faults: FaultSettings = field(default_factory=FaultSettings)
     consistency: Annotated[int, Field(ge=0, le=20)] = 0
     margin: Annotated[float, Field(ge=0, le=100)] = 0.0
@@ -149,6 +154,8 @@ def _changed(settings: Settings, plain: Settings, part: str = "") -> dict[str, o
 def _word(key: str, value: object) -> str:
     if key == "sdf normals":
         return "given normals"  # where their folder lies says nothing
+    if key == "light":
+        return f"light {value}"
     if key == "views":
         return f"{value} view" if value == 1 else f"{value} views"
     if value == "none":

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.light.latlong import direction_to_texel, texel_centres
+from ia_bench.scenes.turning import TurningLight
 
 
 @runtime_checkable
@@ -28,10 +29,14 @@ class Environment(Protocol):
 
 @dataclass(frozen=True)
 class LatLongEnvironment:
-    """A lat-long map whose ``texels`` (H, W, 3) each have one radiance all over; ``name``: what its scene calls it."""
+    """A lat-long map whose ``texels`` (H, W, 3) each have one radiance all over; ``name``: what its scene calls it.
+
+    ``turning``: how it turns with the camera that it is rendered for; the map is as it stands for the first photograph.
+    """
 
     texels: Tensor
     name: str = ""
+    turning: TurningLight | None = None
 
     def radiance(self, directions: Tensor) -> Tensor:
         """See :class:`Environment`: the texel that a direction falls into, without interpolation."""

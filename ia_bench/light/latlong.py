@@ -14,6 +14,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ia_bench.scenes.turning import TurningLight
+
 
 def row_solid_angles(height: int, width: int) -> Tensor:
     """Solid angle of one texel of each row, (height,) float64 steradians; they sum to 4 pi over the map."""
@@ -169,10 +171,12 @@ class SampledLight:
     Attributes:
         radiance: (H, W, 3), differentiable.
         sampler: Tables to draw directions by; they carry no gradient.
+        turning: How the map turns with the camera; None where it stands still.
     """
 
     radiance: Tensor
     sampler: LatLongSampler
+    turning: TurningLight | None = None
 
     def __post_init__(self) -> None:
         size = (self.sampler.height, self.sampler.width, 3)
@@ -180,9 +184,9 @@ class SampledLight:
             raise ValueError(f"light: expected radiance of the sampler's size {size}, found {tuple(self.radiance.shape)}")
 
     @classmethod
-    def of(cls, radiance: Tensor, *, uniform_fraction: float = 0.0) -> SampledLight:
+    def of(cls, radiance: Tensor, *, uniform_fraction: float = 0.0, turning: TurningLight | None = None) -> SampledLight:
         """A light with its sampling tables made from the current radiance."""
-        return cls(radiance, LatLongSampler.build(radiance, uniform_fraction=uniform_fraction))
+        return cls(radiance, LatLongSampler.build(radiance, uniform_fraction=uniform_fraction), turning)
 
 
 def texel_to_direction(texel: Tensor, u: Tensor, v: Tensor, height: int, width: int) -> Tensor:

@@ -57,7 +57,7 @@ class BroughtAsset:
 
     Options: ClassVar[type] = AssetOptions
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
-    info = MethodInfo(uses_prior=False, fits_exposures=True, brought=True, needs=frozenset())
+    info = MethodInfo(uses_prior=False, fits_exposures=True, turns_light=True, brought=True, needs=frozenset())
 
     def __init__(self, options: AssetOptions) -> None:
         """Nothing is read yet."""

@@ -64,7 +64,7 @@ class BroughtImages:
 
     Options: ClassVar[type] = ImagesOptions
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
-    info = MethodInfo(uses_prior=False, fits_exposures=True, brought=True, needs=frozenset())
+    info = MethodInfo(uses_prior=False, fits_exposures=True, turns_light=True, brought=True, needs=frozenset())
 
     def __init__(self, options: ImagesOptions) -> None:
         """Nothing is read yet."""

@@ -27,6 +27,7 @@ class MethodInfo:
         uses_prior: Whether it asks ``problem.prior``.
         sees_truth: Whether it is given the truth; such a method is marked in every table.
         fits_exposures: Whether it heeds ``scene.exposures_differ``; of one that does not, a run says so where it matters.
+        turns_light: Whether it heeds ``scene.turning``, likewise.
         needs: What a scene must have for it, some of "mesh" and "uv"; a run of one that lacks it is refused.
         brought: Whether it fits nothing, but takes over what was made elsewhere: it is told ``problem.held_out``, and its result
             says what is ``declared`` in place of what a run measures.
@@ -38,6 +39,7 @@ class MethodInfo:
     uses_prior: bool
     sees_truth: bool = False
     fits_exposures: bool = False
+    turns_light: bool = False
     brought: bool = False
     needs: frozenset[str] = NEEDED
     predicts: frozenset[str] = PREDICTED

@@ -63,7 +63,8 @@ class Ceiling(_TruthSeer):
         clamped = int((roughness.cpu() != true_roughness).sum())
         light = torch.from_numpy(truth.lights["train"]).to(problem.device)
         stage = problem.stage if truth.mesh is None else Stage(truth.mesh, problem.device)  # to which the textures belong
-        recovered = TexturedReconstruction(stage, Material(albedo, roughness), light, coat=problem.render.coat)
+        how: dict[str, Any] = {"coat": problem.render.coat, "turning": problem.scene.turning}
+        recovered = TexturedReconstruction(stage, Material(albedo, roughness), light, **how)
         return Result(recovered, counters={"roughness_clamped": clamped})
 
 

@@ -56,7 +56,7 @@ def restrict(gbuffer: GBuffer, views: tuple[int, ...]) -> tuple[GBuffer, Tensor]
     rows = torch.nonzero(place >= 0)[:, 0]
     part = gbuffer.at(rows)
     pixel = place[rows] * (height * width) + part.pixel % (height * width)
-    return replace(part, pixel=pixel, origin=gbuffer.origin[list(views)], shape=(len(views), height, width)), rows
+    return replace(part, pixel=pixel, to_world=gbuffer.to_world[list(views)], shape=(len(views), height, width)), rows
 
 
 # ---- what a prior that reads geometry is given ----

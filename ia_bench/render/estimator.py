@@ -31,10 +31,11 @@ class DirectionSamples:
 class FromObject(NamedTuple):
     """What the object throws onto itself, in the eyes of N points."""
 
-    arriving: Tensor  # (A, 3), the irradiance of the texels of an atlas; differentiable
-    leaving: Tensor  # (A, 3), their radiance; differentiable
+    arriving: Tensor  # (A, 3), the irradiance of the texels of an atlas; differentiable. Of K lights one after another, (K A, 3)
+    leaving: Tensor  # (A, 3), their radiance; differentiable. Likewise
     atlas: Tensor  # (side, side) int32, the texel at each place
-    seen: Tensor  # (N, count) int32, the texel that each direction by the BRDF ends on, -1 for none
+    seen: Tensor  # (N, count) int32, the row of ``leaving`` that each direction by the BRDF ends on, -1 for none
+    first: Tensor | None = None  # (N,) int32, the row of ``arriving`` that is a point's texel 0; None for row 0
 
 
 class Shaded(NamedTuple):
@@ -92,12 +93,12 @@ def shade_samples(
     ``coat``: "layered" or "added"; see :class:`ia_bench.render.settings.RenderSettings`.
     """
     textures = material.albedo, material.roughness, material.metallic
-    arriving, leaving, atlas, seen = of_object or (None, None, None, None)
+    arriving, leaving, atlas, seen, first = of_object or (None, None, None, None, None)
     tables = atlas, coat_reflectance().to(radiance.device) if coat == "layered" else None
     fixed = (
         *(0 if texture is None else len(texture) for texture in textures),  # a side of 0 stands for none
         surface.normal, surface.view, surface.uv, surface.front[:, 0].float(),
-        samples.texel, samples.terms, samples.boost, seen, samples.boost.shape[1],
+        samples.texel, samples.terms, samples.boost, seen, first, samples.boost.shape[1],
         *(part for table in tables for part in ((None, 0) if table is None else (table.reshape(-1), len(table)))),
     )  # fmt: skip
     albedo, roughness = _flat(material.albedo, 3), _flat(material.roughness, 1)

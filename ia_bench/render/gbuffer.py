@@ -55,20 +55,25 @@ class GBuffer:
         face: (P, S) int32, the triangle that each point of the pixel hits, -1 for a miss.
         barycentric: (P, S, 2) in [0, 1], the weights of the triangle's corners 1 and 2.
         pixel: (P,) int64, flat index into the stacked views (view, row, column).
-        origin: (V, 3) in scene units, the camera centres.
+        to_world: (V, 4, 4), the cameras' matrices.
         shape: (V, H, W), the number of views and their size in pixels.
     """
 
     face: Tensor
     barycentric: Tensor
     pixel: Tensor
-    origin: Tensor
+    to_world: Tensor
     shape: tuple[int, int, int]
 
     @property
     def subsamples(self) -> int:
         """The number of points in a pixel, S."""
         return self.face.shape[1]
+
+    @property
+    def origin(self) -> Tensor:
+        """The camera centres, (V, 3) in scene units."""
+        return self.to_world[:, :3, 3]
 
     @property
     def size_bytes(self) -> int:
@@ -143,20 +148,21 @@ def pixels_in_reach(camera: Camera, mesh: Mesh) -> np.ndarray:
 def trace_gbuffer(cameras: list[Camera], rays: RayCaster, side: int, device: torch.device) -> GBuffer:
     """Trace ``side`` x ``side`` points in every pixel of every camera (all of one size)."""
     faces, barycentrics, pixels, (height, width) = [], [], [], (cameras[0].height, cameras[0].width)
-    centres = torch.from_numpy(np.stack([camera.position for camera in cameras]).astype(np.float32)).to(device)
+    poses = torch.from_numpy(np.stack([camera.to_world for camera in cameras]).astype(np.float32)).to(device)
     for view, camera in enumerate(cameras):
         if (camera.height, camera.width) != (height, width):
             raise ValueError(f"view {view} is {camera.height} x {camera.width}, the first is {height} x {width}")
         reached = pixels_in_reach(camera, rays.mesh)
+        centre = poses[view, None, :3, 3].contiguous()
         for chosen in np.array_split(reached, max(1, -(-len(reached) * side**2 // RAYS_AT_ONCE))):
             directions = torch.from_numpy(primary_rays(camera, side, chosen)[1]).to(device)
-            face, barycentric, _ = rays.intersect(centres[view, None], directions.reshape(1, -1, 3), coherent=True)
+            face, barycentric, _ = rays.intersect(centre, directions.reshape(1, -1, 3), coherent=True)
             face = face.reshape(-1, side * side)
             seen = (face >= 0).any(1)
             faces.append(face[seen].int())
             barycentrics.append(barycentric.reshape(-1, side * side, 2)[seen])
             pixels.append(torch.from_numpy(chosen).to(device)[seen] + view * height * width)
-    return GBuffer(torch.cat(faces), torch.cat(barycentrics), torch.cat(pixels), centres, (len(cameras), height, width))
+    return GBuffer(torch.cat(faces), torch.cat(barycentrics), torch.cat(pixels), poses, (len(cameras), height, width))
 
 
 class SurfaceInterpolator:

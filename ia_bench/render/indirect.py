@@ -27,7 +27,7 @@ from torch import Tensor
 from ia_bench.common.cache import Cache, content_key, made_on
 from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
-from ia_bench.light.latlong import row_solid_angles, texel_to_direction
+from ia_bench.light.latlong import direction_to_texel, row_solid_angles, texel_to_direction
 from ia_bench.material.brdf import dot
 from ia_bench.material.textures import fetch
 from ia_bench.render.gbuffer import SurfaceInterpolator, SurfacePoints
@@ -36,6 +36,8 @@ from ia_bench.scenes.scene import Mesh
 
 ATLAS_SIZE = 128  # texels along a side of the atlas between whose texels a fit exchanges light
 SKY_ROWS = 16  # rows of the lat-long grid of directions; twice as many columns
+CELL_POINTS = 4  # along a side of such a cell, at which a light that is turned is looked up ...
+TURNED_ROWS = 32  # ... in a map of no more rows, whose texels such points do not miss
 BAKE_CHUNK = 1024  # texels traced at once
 VERSION = 2  # of what is kept of a bake
 ATLAS_PARTS = ("place", "face", "barycentric", "row")
@@ -123,7 +125,7 @@ class Operator:
         return Operator(self.matrix.t())
 
     def apply(self, values: Tensor) -> Tensor:
-        """The matrix times (columns, 3) values: (rows, 3). Differentiable in the values."""
+        """The matrix times values (columns, C): (rows, C). Differentiable in the values."""
         product: Tensor = _Product.apply(values, self)
         return product
 
@@ -139,15 +141,43 @@ class Interreflection:
         self._sky, self._exchange = sky, exchange
         self._surface, self._rays = surface, rays
         self._uv = surface.uv(atlas.face, atlas.barycentric)
+        self._lookup: tuple[object, Operator] | None = None  # of the sky's cells in a light that was turned last
 
-    def solve(self, albedo: Tensor, radiance: Tensor) -> IndirectLight:
-        """The balance under a light ``radiance`` (H, W, 3) with ``albedo`` (T, T, 3); differentiable in both."""
-        direct = self._sky.apply(_cells(radiance))
-        reflectance = fetch(albedo, self._uv) / math.pi
+    def solve(self, albedo: Tensor, radiance: Tensor, turns: Tensor | None = None) -> IndirectLight:
+        """The balance under a light ``radiance`` (H, W, 3) with ``albedo`` (T, T, 3); differentiable in both.
+
+        ``turns`` (K, 3, 3): of the light as each of these rotations finds it, that of direction d at R d; texels of each one
+        after another, (K N, 3).
+        """
+        sky = _cells(radiance) if turns is None else self._turned_cells(radiance, turns)
+        direct = self._sky.apply(sky)
+        reflectance = fetch(albedo, self._uv).repeat(1, direct.shape[1] // 3) / math.pi
         indirect = torch.zeros_like(direct)
         for _ in range(self.bounces):
             indirect = self._exchange.apply(reflectance * (direct + indirect))
-        return IndirectLight(indirect, reflectance * (direct + indirect))
+        found = indirect, reflectance * (direct + indirect)
+        if turns is not None:
+            found = tuple(each.unflatten(1, (-1, 3)).transpose(0, 1).reshape(-1, 3) for each in found)
+        return IndirectLight(*found)
+
+    def _turned_cells(self, radiance: Tensor, turns: Tensor) -> Tensor:
+        """:func:`_cells` of a map that is turned, (cells, 3 K): the mean over CELL_POINTS^2 points of each cell."""
+        if len(radiance) > TURNED_ROWS:
+            radiance = LatLongEnvironment(radiance).latlong(TURNED_ROWS)
+        height, width, _ = radiance.shape
+        key = height, turns.cpu().numpy().tobytes()
+        if self._lookup is None or self._lookup[0] != key:
+            cells = torch.arange(2 * SKY_ROWS * SKY_ROWS)[:, None]
+            down, across = ((torch.arange(CELL_POINTS**2) // part % CELL_POINTS + 0.5) / CELL_POINTS for part in (CELL_POINTS, 1))
+            directions = texel_to_direction(cells, down, across, SKY_ROWS, 2 * SKY_ROWS).reshape(-1, 3).to(turns)
+            texel = direction_to_texel(directions @ turns.transpose(1, 2), height, width).reshape(-1)
+            cell = torch.arange(len(turns) * len(cells), device=texel.device).repeat_interleave(CELL_POINTS**2)
+            shares = torch.full(texel.shape, 1 / CELL_POINTS**2, device=texel.device)
+            size = len(turns) * len(cells), height * width
+            matrix = torch.sparse_coo_tensor(torch.stack([cell, texel]), shares, size, check_invariants=True).coalesce()
+            self._lookup = key, Operator(matrix)
+        found = self._lookup[1].apply(radiance.reshape(-1, 3))
+        return found.unflatten(0, (len(turns), -1)).transpose(0, 1).reshape(-1, 3 * len(turns))
 
     def seen(self, points: SurfacePoints, direction: Tensor, blocked: Tensor) -> Tensor:
         """The texels of the object on which directions (N, K, 3) end, (N, K) int32, -1 for none.

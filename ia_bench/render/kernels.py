@@ -181,19 +181,30 @@ def coat_taps(rough: float, cosine: float, side: int) -> Taps:
     return bilinear_taps(wp.vec2((cosine * last + 0.5) / float(side), 1.0 - (rough * last + 0.5) / float(side)), side, side)
 
 
+@wp.func
+def first_row(firsts: wp.array(dtype=int), n: int) -> int:
+    """The row at which the atlas of point ``n`` begins; 0 where there is one for all."""
+    row = int(0)
+    if firsts.shape[0] > 0:
+        row = firsts[n]
+    return row
+
+
 @wp.kernel
 def shade(
     first: int, radiance: wp.array(dtype=wp.vec3), albedo: wp.array(dtype=wp.vec3), roughness: wp.array(dtype=float),
     metallic: wp.array(dtype=float), arriving: wp.array(dtype=wp.vec3), leaving: wp.array(dtype=wp.vec3), albedo_side: int,
     roughness_side: int, metallic_side: int, normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3),
     uvs: wp.array(dtype=wp.vec2), fronts: wp.array(dtype=float), texels: wp.array2d(dtype=int), terms: wp.array2d(dtype=wp.vec4),
-    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), count: int, atlas: wp.array(dtype=int), atlas_side: int,
+    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), firsts: wp.array(dtype=int), count: int,
+    atlas: wp.array(dtype=int), atlas_side: int,
     coat: wp.array(dtype=float), coat_side: int, diffuse: wp.array(dtype=wp.vec3), specular: wp.array(dtype=wp.vec3),
     mirrored: wp.array(dtype=wp.vec3), albedos: wp.array(dtype=wp.vec3),
 ):  # fmt: skip
     """Sum the weighted samples of a point. A side of 0 stands for a texture, an atlas or a table that there is not.
 
-    ``seen`` says which texel of the atlas each direction by the BRDF ends on, -1 for none.
+    ``seen`` says which row of ``leaving`` each direction by the BRDF ends on, -1 for none, and ``firsts``, if it is there, which
+    row of ``arriving`` is the first of the atlas for a point.
     """
     n = first + wp.tid()
     uv = uvs[n]
@@ -217,8 +228,9 @@ def shade(
     grazing_of_object = wp.vec3(0.0, 0.0, 0.0)
     if atlas_side > 0:
         taps = bilinear_taps(uv, atlas_side, atlas_side)
+        start = first_row(firsts, n)
         for t in range(4):
-            irradiance += arriving[atlas[taps.index[t]]] * (taps.weight[t] * fronts[n])
+            irradiance += arriving[start + atlas[taps.index[t]]] * (taps.weight[t] * fronts[n])
         for k in range(count):
             texel = seen[n, k]
             if texel >= 0:
@@ -242,7 +254,8 @@ def shade_adjoint(
     metallic: wp.array(dtype=float), arriving: wp.array(dtype=wp.vec3), leaving: wp.array(dtype=wp.vec3), albedo_side: int,
     roughness_side: int, metallic_side: int, normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3),
     uvs: wp.array(dtype=wp.vec2), fronts: wp.array(dtype=float), texels: wp.array2d(dtype=int), terms: wp.array2d(dtype=wp.vec4),
-    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), count: int, atlas: wp.array(dtype=int), atlas_side: int,
+    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), firsts: wp.array(dtype=int), count: int,
+    atlas: wp.array(dtype=int), atlas_side: int,
     coat: wp.array(dtype=float), coat_side: int, of_diffuse: wp.array(dtype=wp.vec3), of_specular: wp.array(dtype=wp.vec3),
     of_mirrored: wp.array(dtype=wp.vec3), of_albedo: wp.array(dtype=wp.vec3), of_radiance: wp.array(dtype=wp.vec3),
     of_albedos: wp.array(dtype=wp.vec3), of_roughness: wp.array(dtype=float), of_metallic: wp.array(dtype=float),
@@ -292,10 +305,11 @@ def shade_adjoint(
     of_at_normal = wp.cw_mul(of_at_normal, of_grazing)
     if atlas_side > 0:
         taps = bilinear_taps(uv, atlas_side, atlas_side)
+        start = first_row(firsts, n)
         for t in range(4):
             share = taps.weight[t] * fronts[n]
-            irradiance += arriving[atlas[taps.index[t]]] * share
-            wp.atomic_add(of_arriving, atlas[taps.index[t]], of_irradiance * share)
+            irradiance += arriving[start + atlas[taps.index[t]]] * share
+            wp.atomic_add(of_arriving, start + atlas[taps.index[t]], of_irradiance * share)
         of_grazing = of_mirrored[n]
         of_base = wp.cw_mul(at_normal, of_grazing)
         for k in range(count):

@@ -19,6 +19,7 @@ from ia_bench.render.settings import REFERENCE, REFERENCE_ATLAS, REFERENCE_BOUNC
 from ia_bench.render.stage import Stage, camera_key
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera, Mesh
+from ia_bench.scenes.turning import TurningLight
 
 
 @dataclass(frozen=True)
@@ -116,14 +117,16 @@ class TexturedReconstruction:
         coat: str = "layered",
         bounces: int = REFERENCE_BOUNCES,
         assumed: frozenset[str] = frozenset(),
+        turning: TurningLight | None = None,
     ) -> None:
         """``light`` (H, W, 3) radiance, None where none was recovered; all tensors on the stage's device.
 
+        ``turning``: how that light turns with the camera; a light that :meth:`render` is given does not.
         Maps of what is ``assumed`` are left out. What is drawn is drawn on :attr:`Stage.apart`, so that the stage itself counts the
         rays and points of a fit alone.
         """
         self.material = material
-        self.environment = None if light is None else LatLongEnvironment(light)
+        self.environment = None if light is None else LatLongEnvironment(light, turning=turning)
         unlike = {f"coat {coat}": coat != "layered", f"{bounces} bounces": bounces != REFERENCE_BOUNCES}
         self.renderer = ", ".join([REFERENCE, *(name for name, it_is in unlike.items() if it_is)])
         self._stage, self._coat, self._bounces, self._assumed = stage.apart, coat, bounces, assumed
@@ -175,21 +178,22 @@ class TexturedReconstruction:
         if albedo_scale is not None:
             material = replace(material, albedo=material.albedo * albedo_scale.to(material.albedo))
         texels = chosen.texels if isinstance(chosen, LatLongEnvironment) else chosen.latlong(REFERENCE_LIGHT_ROWS)
-        sampled = SampledLight.of(texels.to(device))
+        turning = chosen.turning if isinstance(chosen, LatLongEnvironment) else None
+        sampled = SampledLight.of(texels.to(device), turning=turning)
         renderer = self._stage.renderer(shadows="traced", bounces=self._bounces, coat=self._coat, atlas_size=REFERENCE_ATLAS)
         generator = torch.Generator(device=device).manual_seed(quality.seed)
 
         images, coverage = [], []
-        ray_cache = self._rays_of(cameras, quality)
+        ray_cache = self._rays_of(cameras, quality, turning)
         for gbuffer in self._stage.gbuffers(cameras, quality.points):
             images += _arrays(renderer.render_images(gbuffer, material, sampled, quality.samples, generator, ray_cache)["radiance"])
             coverage += _arrays(gbuffer.coverage())
         return Images(tuple(images), tuple(coverage))
 
-    def _rays_of(self, cameras: Sequence[Camera], quality: Quality) -> BrdfRayCache:
+    def _rays_of(self, cameras: Sequence[Camera], quality: Quality, turning: TurningLight | None) -> BrdfRayCache:
         """What the last picture's directions by the BRDF met, if it was the same under another light."""
         roughness = self.material.roughness
-        picture = [camera_key(camera) for camera in cameras], quality, id(roughness), roughness._version
+        picture = [camera_key(camera) for camera in cameras], quality, turning, id(roughness), roughness._version
         if self._last is None or self._last[0] != picture:
             self._last = picture, BrdfRayCache()
         self._last[1].begin()

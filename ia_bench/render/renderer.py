@@ -11,10 +11,11 @@ from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.estimator import DirectionSamples, FromObject, draw_samples, shade_samples
+from ia_bench.render.estimator import DirectionSamples, draw_samples, shade_samples
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
-from ia_bench.render.indirect import IndirectLight, Interreflection
+from ia_bench.render.indirect import Interreflection
 from ia_bench.render.rays import RayCaster
+from ia_bench.render.turns import TURNS, Bounced, in_the_light, spread_turns, turns_of
 
 CHUNK = 4096  # pixels at a time where no gradient is needed ...
 PASS_SAMPLES = 128  # ... with at most this many samples, in as many passes as will do
@@ -126,10 +127,18 @@ class Renderer:
         entry of -1 is none: it is black, and no ray is spent on it.
         """
         rotation = random_rotation(pixels, generator)
-        return self._render(gbuffer, pixels, material, light, self._bounce(material, light), samples, rotation)
+        return self._render(gbuffer, pixels, material, light, self._bounce(gbuffer, material, light, TURNS), samples, rotation)
 
-    def _bounce(self, material: Material, light: SampledLight) -> IndirectLight | None:
-        return None if self.interreflection is None else self.interreflection.solve(material.albedo, light.radiance)
+    def _bounce(self, gbuffer: GBuffer, material: Material, light: SampledLight, most: int | None = None) -> Bounced | None:
+        """What the object throws onto itself; where the light turns, of ``most`` of the views' turns, which stand for others."""
+        if self.interreflection is None:
+            return None
+        solve, texels = self.interreflection.solve, len(self.interreflection.atlas.place)
+        if light.turning is None:
+            return Bounced(solve(material.albedo, light.radiance), texels)
+        turns = turns_of(gbuffer, light.turning)
+        chosen, stand_in = spread_turns(turns, most)
+        return Bounced(solve(material.albedo, light.radiance, turns[chosen]), texels, stand_in)
 
     def _render(
         self,
@@ -137,7 +146,7 @@ class Renderer:
         pixels: Tensor,
         material: Material,
         light: SampledLight,
-        indirect: IndirectLight | None,
+        indirect: Bounced | None,
         samples: int,
         rotation: Tensor,
         part: int = 0,
@@ -162,10 +171,17 @@ class Renderer:
             surface = self.surface(face, gbuffer.barycentric[pixels].reshape(-1, 2), camera)
 
             # ---------------- Directions, (N, 2 count): w by light, then by BRDF, with their weights ----------------
+            view, lit = None, surface
+            if light.turning is not None:  # what is lit is the object turned, in the light at rest
+                view = gbuffer.view(pixels).repeat_interleave(points, 0)
+                turn = turns_of(gbuffer, light.turning)[view]
+                lit = in_the_light(surface, turn)
             drawn = draw_samples(
-                surface, face >= 0, material.roughness.detach(), light.sampler, rotation,
+                lit, face >= 0, material.roughness.detach(), light.sampler, rotation,
                 points=points, count=count, part=part, parts=parts,
             )  # fmt: skip
+            if light.turning is not None:
+                drawn = replace(drawn, direction=drawn.direction @ turn)  # and back into the object's coordinates
 
             # ---------------- Visibility, V = 0 where the object blocks the light ----------------
             blocked, seen = self._in_the_way(surface, drawn, count, ray_cache)
@@ -175,7 +191,7 @@ class Renderer:
             of_object = None
             if indirect is not None and seen is not None:
                 assert self.interreflection is not None
-                of_object = FromObject(indirect.arriving, indirect.leaving, self.interreflection.atlas.row, seen)
+                of_object = indirect.seen_by(view, seen, self.interreflection.atlas.row)
 
         # ---------------- The sum, (N, 3), differentiable from here on ----------------
         shaded = shade_samples(surface, drawn, material, light.radiance, self.coat, of_object)
@@ -233,7 +249,7 @@ class Renderer:
         values = {name: torch.zeros(len(gbuffer.pixel), 3, device=gbuffer.face.device) for name in parts}
         every = torch.arange(len(gbuffer.pixel), device=gbuffer.face.device)
         passes = -(-samples // PASS_SAMPLES)
-        indirect = self._bounce(material, light)
+        indirect = self._bounce(gbuffer, material, light)
         for chunk in every.split(CHUNK) if len(every) else ():
             padded = torch.cat([chunk, chunk.new_full((CHUNK - len(chunk),), -1)])
             rotation = random_rotation(padded, generator)

@@ -45,6 +45,8 @@ def identity(config: RunConfig) -> dict[str, Any]:
     content["method"]["fingerprint"] = getattr(method, "fingerprint", None)
     if config.capture.geometry != "sdf":
         del content["capture"]["sdf"]  # which then decides nothing
+    if config.capture.light == "static":
+        del content["capture"]["light"], content["capture"]["turntable_axis"]  # runs before there was a choice stay the same
     for plugin, options in _plugins(config):
         paths = _files_of(plugin, options)
         content[plugin.kind] |= {

@@ -30,6 +30,7 @@ from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
+from ia_bench.scenes.turning import TurningLight
 from ia_bench.scores.evaluate import Scores, drawn_scale
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
@@ -103,7 +104,11 @@ class Recovered:
             unknown = self.record.reasons.get("roughness.mse", "").startswith("the method does not predict")
             assumed = frozenset({"roughness"} if unknown else ())
         material = Material(texture("albedo", 3), texture("roughness", 1), optional("metallic", 1))
-        return TexturedReconstruction(stage, material, optional("light", 3), coat=self.config.render.coat, assumed=assumed)
+        turning = self.record.capture.get("turning")
+        return TexturedReconstruction(
+            stage, material, optional("light", 3), coat=self.config.render.coat, assumed=assumed,
+            turning=turning and TurningLight.of_record(turning),
+        )  # fmt: skip
 
     def pictures(self, scene: Scene) -> Pictures | None:
         """The pictures that method=images scored, where a pack has put them into the run's folder; None otherwise."""

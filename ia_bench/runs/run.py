@@ -114,6 +114,8 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
         raise InputError(f"method={config.method.name}: expected a scene with {' and '.join(lacking)}, found none in {scene.name}")
     if scene.exposures_differ and not (info.fits_exposures or info.sees_truth):
         note(f"every photograph has an exposure of its own; method={config.method.name} takes them for the same")
+    if scene.turning is not None and not (info.turns_light or info.sees_truth):
+        note(f"the light turns with the camera; method={config.method.name} takes it for one that stands still")
     with costs.exclude("bake"):
         prior: Prior = NoPrior()
         if info.uses_prior:

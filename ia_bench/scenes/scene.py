@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from ia_bench.common.errors import InputError
+from ia_bench.scenes.turning import TurningLight
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -212,6 +213,7 @@ class Scene:
             geometric mean of these factors is 1.
         mesh_is_made: Whether the mesh is no part of what was read, but was made for this capture.
         saturated_share: The part of the object's pixels in the training views, from 0 to 1, that this capture has clipped.
+        turning: How the training light turns with the camera; None where it stands still.
     """
 
     name: str
@@ -226,6 +228,7 @@ class Scene:
     exposures_differ: bool = False
     mesh_is_made: bool = False
     saturated_share: float = 0.0
+    turning: TurningLight | None = None
 
     def blind(self) -> Scene:
         """The scene as methods and priors see it: the mesh, and the training images, masks and cameras.
@@ -239,7 +242,8 @@ class Scene:
             camera = replace(view.camera, to_world=view.camera.to_world.copy())
             valid = None if view.valid is None else view.valid.copy()
             views.append(View(view.name, camera, view.image.copy(), view.mask.copy(), view.light, valid=valid))
-        return Scene(self.name, f"scene {self.name}", mesh, tuple(views), metallic=self.metallic, exposures_differ=differ)
+        known: dict[str, Any] = {"metallic": self.metallic, "exposures_differ": differ, "turning": self.turning}
+        return Scene(self.name, f"scene {self.name}", mesh, tuple(views), **known)
 
     def expect_mesh(self) -> Mesh:
         """The mesh. Raises InputError where there is none."""

@@ -147,7 +147,7 @@ def scattered(request: pytest.FixtureRequest) -> tuple[GBuffer, list[tuple[int, 
     everywhere = [(view, row, column) for view in range(3) for row in range(5) for column in range(7)]
     pixel = torch.randperm(len(everywhere), generator=rng)[: request.param]
     face, barycentric = torch.randint(-1, 9, (len(pixel), 4), generator=rng).int(), torch.rand(len(pixel), 4, 2, generator=rng)
-    gbuffer = GBuffer(face, barycentric, pixel, torch.rand(3, 3, generator=rng), (3, 5, 7))
+    gbuffer = GBuffer(face, barycentric, pixel, torch.rand(3, 4, 4, generator=rng), (3, 5, 7))
     return gbuffer, [everywhere[flat] for flat in pixel.tolist()]
 
 

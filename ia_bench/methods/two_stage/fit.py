@@ -145,7 +145,8 @@ class Fit:
         material, light = self.parameters.recovered(final=final)
         if final:  # what photographs hardly show is guessed once unseen texels are filled
             material = self._applied([one for one in self.regularisers if one.completes], material)
-        return TexturedReconstruction(self.problem.stage, material, light, coat=self.problem.render.coat)
+        problem = self.problem
+        return TexturedReconstruction(problem.stage, material, light, coat=problem.render.coat, turning=problem.scene.turning)
 
 
 # ---- where it starts: an albedo that the prior or the images suggest, an even light that explains the images' mean ----

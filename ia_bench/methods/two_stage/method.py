@@ -20,6 +20,7 @@ class TwoStage:
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = PRESETS
     info = MethodInfo(
         fits_exposures=True,
+        turns_light=True,
         uses_prior=True,
         paper="IntrinsicAnything (ECCV 2024, arXiv 2404.11593), section 3.4",
         deviations=(

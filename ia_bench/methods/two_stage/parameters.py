@@ -50,7 +50,7 @@ class Parameters:
             self.tensors["log_exposure"] = torch.zeros(problem.gbuffer.shape[0], device=device)
         for tensor in self.tensors.values():
             tensor.requires_grad_(True)
-        self._settings = settings
+        self._settings, self._turning = settings, problem.scene.turning
         self._rates = [getattr(settings.rates, name.removeprefix("log_"), EXPOSURE_RATE) for name in self.tensors]
         self._multigrid_rates = {name: getattr(settings.multigrid_rates, name.removeprefix("log_")) for name in images}
         groups = [{"params": [p], "lr": rate} for p, rate in zip(self.tensors.values(), self._rates, strict=True)]
@@ -95,8 +95,8 @@ class Parameters:
         """The light, without gradient unless ``uniform``, the share of its samples spread over the sphere, is given."""
         log_light = self.tensors["log_light"]
         if uniform is None:
-            return SampledLight.of(torch.exp(log_light.detach()))
-        return SampledLight.of(torch.exp(log_light), uniform_fraction=uniform)
+            return SampledLight.of(torch.exp(log_light.detach()), turning=self._turning)
+        return SampledLight.of(torch.exp(log_light), uniform_fraction=uniform, turning=self._turning)
 
     def recovered(self, *, final: bool) -> tuple[Material, Tensor]:
         """Copies of the textures, and radiance (H, 2H, 3). ``final``: texels that no view sees are filled from their neighbours."""

@@ -1,0 +1,68 @@
+"""Light that turns with the camera, as the renderer meets it: views by their rotations, and what the object throws onto itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ia_bench.render.estimator import FromObject
+from ia_bench.render.gbuffer import GBuffer, SurfacePoints
+from ia_bench.render.indirect import IndirectLight
+from ia_bench.scenes.turning import TurningLight
+
+TURNS = 16
+"""Of a step of a fit: for how many turns of the light its reflections are solved, at most; other views take the nearest of these.
+On one circle these are as far apart as the cells of the sky that such reflections know."""
+
+
+def turns_of(gbuffer: GBuffer, turning: TurningLight) -> Tensor:
+    """(V, 3, 3), which take directions of the object, view by view, into the map of the light."""
+    poses = gbuffer.to_world.cpu().numpy()
+    return torch.from_numpy(_rotations(turning, poses.tobytes())).to(gbuffer.to_world)
+
+
+@lru_cache(maxsize=16)
+def _rotations(turning: TurningLight, poses: bytes) -> np.ndarray:
+    return turning.rotations(np.frombuffer(poses, np.float32).reshape(-1, 4, 4).astype(float)).astype(np.float32)
+
+
+def spread_turns(turns: Tensor, most: int | None) -> tuple[Tensor, Tensor]:
+    """``most`` (None: all) of V rotations (V, 3, 3), by numbers (K,), and which of these K is nearest to each, (V,).
+
+    Every next one is that which is farthest from all before it.
+    """
+    alike = torch.einsum("aij,bij->ab", turns, turns)  # the trace of the rotation between two falls with its angle
+    chosen, nearest = [0], alike[0].clone()
+    while len(chosen) < min(most or len(turns), len(turns)):
+        chosen.append(int(nearest.argmin()))
+        nearest = torch.maximum(nearest, alike[chosen[-1]])
+    return torch.tensor(chosen, device=turns.device), alike[:, chosen].argmax(1)
+
+
+def in_the_light(surface: SurfacePoints, turn: Tensor) -> SurfacePoints:
+    """N points whose normals and directions to the camera are those that the map of a light knows; ``turn`` (N, 3, 3)."""
+    normal, view = (torch.einsum("nij,nj->ni", turn, each) for each in (surface.normal, surface.view))
+    return replace(surface, normal=normal, view=view)
+
+
+@dataclass(frozen=True)
+class Bounced:
+    """What the ``texels`` of an object's atlas throw onto each other.
+
+    Of each of K turns of the light, and ``turn`` says which of these each view sees, (V,); None where the light stands still.
+    """
+
+    light: IndirectLight
+    texels: int
+    turn: Tensor | None = None
+
+    def seen_by(self, view: Tensor | None, seen: Tensor, atlas: Tensor) -> FromObject:
+        """The same in the eyes of points of the views ``view`` (N,); ``seen`` (N, count) and ``atlas`` as there."""
+        if self.turn is None or view is None:
+            return FromObject(self.light.arriving, self.light.leaving, atlas, seen)
+        first = (self.turn[view] * self.texels).int()
+        return FromObject(self.light.arriving, self.light.leaving, atlas, torch.where(seen < 0, seen, seen + first[:, None]), first)

@@ -1,0 +1,207 @@
+"""An object that is turned before a camera and a light at rest, and the same object at rest while both go round it: one picture.
+
+The first is rendered of a turned mesh by the renderer as it is, the second of a light that turns (``SampledLight.turning``).
+Both draw the same samples, so they agree to rounding, but for the few rays that hit another triangle at an edge.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from shapes import camera_at, sphere, together
+from stage import Stage
+
+from ia_bench.capture.settings import CaptureSettings
+from ia_bench.capture.turntable import fitted_circles, turning_light
+from ia_bench.common.errors import InputError
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material
+from ia_bench.render.indirect import bake_interreflection
+from ia_bench.render.renderer import PixelRadiance, Renderer, TracedShadows
+from ia_bench.render.turns import spread_turns
+from ia_bench.scenes.scene import Camera, Mesh, View
+from ia_bench.scenes.turning import TurningLight, rotation_about
+
+AXIS = np.array([0.36, -0.48, 0.8])
+ANGLES = (0.0, 0.7, 2.9, -1.4)
+
+
+def turned_mesh(mesh: Mesh, rotation: np.ndarray) -> Mesh:
+    return replace(
+        mesh, vertices=(mesh.vertices @ rotation.T).astype(np.float32), normals=(mesh.normals @ rotation.T).astype(np.float32)
+    )
+
+
+def turned_camera(camera: Camera, rotation: np.ndarray) -> Camera:
+    to_world = camera.to_world.copy()
+    to_world[:3] = rotation @ camera.to_world[:3]
+    return replace(camera, to_world=to_world)
+
+
+@pytest.fixture(scope="module")
+def mesh() -> Mesh:
+    """Two balls, one of which throws a shadow and light onto the other."""
+    small = sphere(3, radius=0.5)
+    moved = replace(small, vertices=(small.vertices + [1.2, 0.5, 0.6]).astype(np.float32))
+    both = together(sphere(3), moved)
+    around = both.normals
+    uv = np.stack([0.5 + np.arctan2(around[:, 1], around[:, 0]) / (2 * math.pi), 0.5 + around[:, 2] / 2], 1)
+    half = np.repeat([0.0, 0.5], [len(both.vertices) - len(moved.vertices), len(moved.vertices)])
+    return replace(both, uv=np.stack([0.5 * uv[:, 0] + half, uv[:, 1]], 1).astype(np.float32))
+
+
+@pytest.fixture(scope="module")
+def light() -> torch.Tensor:
+    return 3 * torch.rand(16, 32, 3, generator=torch.Generator().manual_seed(5)) ** 4
+
+
+@pytest.fixture(scope="module")
+def material() -> Material:
+    rng = torch.Generator().manual_seed(6)
+    return Material(0.1 + 0.8 * torch.rand(16, 16, 3, generator=rng), 0.1 + 0.8 * torch.rand(16, 16, 1, generator=rng))
+
+
+def rendered(stage: Stage, material: Material, light: SampledLight, *, bounces: int = 0, cache: Path = Path()) -> PixelRadiance:
+    shadows = TracedShadows(stage.rays, stage.surface.offset)
+    bounced = bake_interreflection(stage.mesh, stage.surface, stage.rays, bounces, cache) if bounces else None
+    pixels = torch.arange(len(stage.gbuffer.pixel))
+    renderer = Renderer(stage.surface, shadows, interreflection=bounced)
+    return renderer.render_pixels(stage.gbuffer, pixels, material, light, 128, torch.Generator().manual_seed(1))
+
+
+def compared(mesh: Mesh, camera: Camera, rotation: np.ndarray) -> tuple[Stage, Stage, torch.Tensor]:
+    """The turned mesh before the camera, the mesh before the turned camera, and which entries of both see the same triangles."""
+    recipe = Stage.of(turned_mesh(mesh, rotation), [camera])
+    moved = Stage.of(mesh, [turned_camera(camera, rotation.T)])
+    assert torch.equal(recipe.gbuffer.pixel, moved.gbuffer.pixel)  # or else other samples are drawn
+    same = (recipe.gbuffer.face == moved.gbuffer.face).all(1)
+    assert same.float().mean() > 0.995
+    return recipe, moved, same
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("fixed_to", ["axis", "camera"])
+def test_a_turned_object_is_a_moved_camera_in_a_turned_light(mesh, light, material, angle, fixed_to):
+    camera = camera_at((2.0, -3.0, 1.5), pixels=40)
+    start = tuple(map(tuple, camera.to_world[:3]))
+    turning = TurningLight(start, tuple(AXIS) if fixed_to == "axis" else None)
+    rotation = rotation_about(AXIS, angle)
+    recipe, moved, same = compared(mesh, camera, rotation)
+    expected = rendered(recipe, material, SampledLight.of(light)).radiance[same]
+    found = rendered(moved, material, SampledLight.of(light, turning=turning)).radiance[same]
+    worst = (found - expected).abs().amax(1)
+    assert worst.quantile(0.99) < 1e-4, f"{worst.max():.2g}"
+    assert (found - expected).abs().mean() < 1e-4 * expected.mean()
+    if angle:
+        static = rendered(moved, material, SampledLight.of(light)).radiance[same]
+        assert (static - expected).abs().mean() > 0.05 * expected.mean()
+
+
+def test_light_that_the_object_throws_onto_itself_turns_too(mesh, light, material, tmp_path):
+    camera, rotation = camera_at((2.0, -3.0, 1.5), pixels=40), rotation_about(AXIS, 2.0)
+    turning = TurningLight(tuple(map(tuple, camera.to_world[:3])), tuple(AXIS))
+    recipe, moved, same = compared(mesh, camera, rotation)
+    parts = [
+        rendered(stage, material, lit, bounces=2, cache=tmp_path)
+        for stage, lit in ((recipe, SampledLight.of(light)), (moved, SampledLight.of(light, turning=turning)))
+    ]
+    direct = rendered(moved, material, SampledLight.of(light, turning=turning)).radiance
+    expected, found = ((part.radiance - direct)[same] for part in parts)
+    assert float((found - expected).abs().mean() / expected.mean()) < 0.1  # rays and cells of the sky differ
+
+
+def test_views_see_their_own_turn_whether_they_are_rendered_alone_or_together(mesh, light, material, tmp_path):
+    cameras = [turned_camera(camera_at((2.0, -3.0, 1.5), pixels=20), rotation_about(AXIS, angle)) for angle in ANGLES]
+    turning = TurningLight(tuple(map(tuple, cameras[0].to_world[:3])), tuple(AXIS))
+    lit = SampledLight.of(light, turning=turning)
+
+    def mean(stage: Stage) -> torch.Tensor:
+        radiance = rendered(stage, material, lit, bounces=1, cache=tmp_path).radiance
+        return torch.stack([radiance[stage.gbuffer.view() == view].mean(0) for view in range(stage.gbuffer.shape[0])])
+
+    alone = torch.cat([mean(Stage.of(mesh, [camera])) for camera in cameras])
+    torch.testing.assert_close(mean(Stage.of(mesh, cameras)), alone, rtol=0.02, atol=0)
+
+
+def test_gradients_are_those_of_the_picture(mesh, light, material, tmp_path):
+    """In a direction of the light's space, which enters directly and by way of the object: against a difference."""
+    cameras = [turned_camera(camera_at((2.0, -3.0, 1.5), pixels=12), rotation_about(AXIS, angle)) for angle in ANGLES]
+    turning, stage = TurningLight(tuple(map(tuple, cameras[0].to_world[:3])), tuple(AXIS)), Stage.of(mesh, cameras)
+    sampler = SampledLight.of(light).sampler
+    change = torch.rand(light.shape, generator=torch.Generator().manual_seed(3))
+
+    def loss(radiance: torch.Tensor, albedo: torch.Tensor) -> torch.Tensor:
+        lit = SampledLight(radiance, sampler, turning)
+        return rendered(stage, replace(material, albedo=albedo), lit, bounces=2, cache=tmp_path).radiance.square().mean()
+
+    leaves = light.clone().requires_grad_(True), material.albedo.clone().requires_grad_(True)
+    loss(*leaves).backward()
+    for leaf, moved in zip(leaves, (change, torch.rand(16, 16, 3, generator=torch.Generator().manual_seed(4))), strict=True):
+        ends = [[each.detach() + (sign * 1e-2 * moved if each is leaf else 0) for each in leaves] for sign in (1, -1)]
+        slope = (loss(*ends[0]) - loss(*ends[1])) / 2e-2
+        torch.testing.assert_close((leaf.grad * moved).sum(), slope, rtol=2e-3, atol=0)
+
+
+def test_few_turns_stand_for_all():
+    turns = torch.from_numpy(np.stack([rotation_about(AXIS, angle) for angle in np.linspace(0, 2 * math.pi, 60, endpoint=False)]))
+    chosen, nearest = spread_turns(turns, 16)
+    between = torch.einsum("vij,vij->v", turns, turns[chosen][nearest])
+    assert len(set(chosen.tolist())) == 16
+    assert between.min() >= 1 + 2 * math.cos(math.radians(18.1))
+    chosen, nearest = spread_turns(turns, None)
+    assert chosen[nearest].tolist() == list(range(60))
+
+
+# ---- the axis, from cameras ----
+
+
+def ring(axis: np.ndarray, count: int, height: float, radius: float, middle: np.ndarray, noise: float) -> list[View]:
+    rng = np.random.default_rng(count)
+    to_axis = np.linalg.svd(axis[None])[2][[1, 2, 0]].T * [1, 1, np.sign(np.linalg.svd(axis[None])[2][0] @ axis)]
+    to_axis[:, 0] *= np.linalg.det(to_axis)
+    mask, image = np.zeros((8, 8), np.float32), np.zeros((8, 8, 3), np.float32)
+    mask[2:6, 2:6] = 1
+    views = []
+    for angle in np.linspace(0, 2 * math.pi, count, endpoint=False):
+        camera = camera_at((radius * math.cos(angle), radius * math.sin(angle), height), pixels=8)
+        pose = camera.to_world.copy()
+        pose[:3, :3], pose[:3, 3] = to_axis @ pose[:3, :3], to_axis @ pose[:3, 3] + middle + noise * rng.normal(size=3)
+        views.append(View(f"{len(views)}", replace(camera, to_world=pose), image, mask))
+    return views
+
+
+@pytest.mark.parametrize("circles", [[(1.0, 3.0)], [(1.0, 3.0), (2.0, 2.2), (-0.5, 3.1)]])
+def test_the_axis_is_found_from_cameras_on_circles(circles):
+    middle = np.array([0.3, -0.2, 0.5])
+    views = [
+        view for place, (height, radius) in enumerate(circles) for view in ring(AXIS, 20 + place, height, radius, middle, 0.005)
+    ]
+    found = fitted_circles(np.stack([view.camera.to_world for view in views]))
+    assert found.count == len(circles)
+    assert found.axis @ AXIS > math.cos(math.radians(0.2))
+    assert np.linalg.norm(np.cross(found.point - middle, AXIS)) < 0.01
+    assert 0.001 < found.residual < 0.01
+    said: list[str] = []
+    turning = turning_light(views, CaptureSettings(light="turntable"), said.append)
+    angles = np.degrees(turning.angles(np.stack([view.camera.to_world for view in views[:20]])))
+    assert np.abs((angles - 18 * np.arange(20) + 180) % 360 - 180).max() < 1
+    assert "circle" in said[0]
+    assert TurningLight.of_record(turning.record()) == turning
+
+
+def test_other_cameras_are_refused_and_an_axis_may_be_given():
+    rng = np.random.default_rng(0)
+    views = [ring(AXIS, 20, *rng.uniform([-2, 1], [2, 3]), np.zeros(3), 0.0)[int(rng.integers(20))] for _ in range(30)]
+    with pytest.raises(
+        InputError, match=r"expected 5 cameras or more on circles around one axis, found 30, \d+\.\d % of their mean"
+    ):
+        turning_light(views, CaptureSettings(light="turntable"), lambda line: None)
+    given = turning_light(views, CaptureSettings(light="turntable", turntable_axis=(0.0, 0.0, 2.0)), lambda line: None)
+    assert given.axis == (0.0, 0.0, 1.0)
+    with pytest.raises(InputError, match="expected a direction"):
+        turning_light(views, CaptureSettings(light="turntable", turntable_axis=(0.0, 0.0, 0.0)), lambda line: None)
