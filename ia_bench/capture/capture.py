@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
+import numpy as np
+
 from ia_bench.capture.radiometry import at_one_exposure, photographed
 from ia_bench.capture.settings import MADE, CaptureSettings, FaultSettings
 from ia_bench.common.errors import InputError
@@ -98,7 +100,9 @@ def record(scene: Scene, settings: CaptureSettings) -> dict[str, Any]:
     if any(view.exposure is not None for view in (*scene.test, *scene.novel)):
         further["recorded_exposures"] = "divided out"
     if scene.turning is not None:
-        further["turning"] = scene.turning.record()
+        poses = np.stack([view.camera.to_world for view in scene.train])
+        angles = {} if scene.turning.axis is None else {"degrees": np.degrees(scene.turning.angles(poses)).round(3).tolist()}
+        further["turning"] = {**scene.turning.record(), **angles}
     return {
         "views": len(scene.train),
         "radiometry": settings.radiometry,
