@@ -17,7 +17,7 @@ COMMANDS = {
     "rescore": ("ia_bench.cli.rescore", "scores of finished runs under another protocol"),
     "relight": ("ia_bench.cli.relight", "pictures of what was recovered under lights of your own"),
     "pack": ("ia_bench.cli.pack", "finished runs as one file that others can score again"),
-    "verify": ("ia_bench.cli.verify", "whether the files in packs give the scores that they say"),
+    "verify": ("ia_bench.cli.verify", "whether packs and published tables give the scores that they say"),
     "board": ("ia_bench.cli.board", "the report over packs of several people"),
     "check": ("ia_bench.cli.check", "whether a plug-in keeps its contract, and whether a capture is read well"),
     "decompose": ("ia_bench.cli.decompose", "albedo and specular shading behind a picture, by a prior alone"),

@@ -1,10 +1,11 @@
-"""``ia-bench verify result.zip``: whether what is in packs gives the scores that they say; each run is scored again."""
+"""``ia-bench verify``: whether published numbers come out again: packs are scored again, cells of a runs.csv are run again."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,24 +20,71 @@ from ia_bench.common.progress import Progress
 from ia_bench.runs.packs import packs_among
 from ia_bench.runs.record import digest_of, json_bytes
 
+TABLE = "runs.csv"
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status: 0 if every run of every pack was scored again and agrees, else 1."""
+    """Run the command line and return its exit status: 0 if every run was scored or run again and agrees, else 1."""
     parser = argparse.ArgumentParser(prog="ia-bench verify", description=__doc__.partition(": ")[2], allow_abbrev=False)
-    parser.add_argument("packs", nargs="+", type=Path, metavar="PACKS", help="zip files, or folders with some")
+    what = "zip files of ia-bench pack, runs.csv files of reports, or folders with some of either"
+    parser.add_argument("published", nargs="+", type=Path, metavar="PUBLISHED", help=what)
     where = "folder of a scene that is not shipped; may be given several times"
     parser.add_argument("--scene", action="append", default=[], metavar="NAME=FOLDER", help=where)
     parser.add_argument("--out", type=Path, metavar="FILE.json", help="the result as a file, for ia-bench board")
     parser.add_argument("--threads", type=at_least(1), default=len(os.sched_getaffinity(0)), help="CPU threads (default: all)")
+    cells = parser.add_argument_group("of a runs.csv, whose cells are run again with the threads that they were published with")
+    cells.add_argument("--share", type=_share, default=0.1, help="of its cells, drawn by chance (default: a tenth)")
+    cells.add_argument("--seed", type=at_least(0), default=0, help="which ones (default: 0)")
+    cells.add_argument("--tolerance", type=float, default=1e-3, help="in dB; a tenth of it in other scores (default: 0.001)")
     wanted = parser.parse_args(arguments)
     return status_of(lambda: _verify(wanted))
 
 
+def _share(text: str) -> float:
+    if not 0 < (value := float(text)) <= 1:
+        raise argparse.ArgumentTypeError(f"expected a number above 0 and up to 1, found {text}")
+    return value
+
+
 def _verify(wanted: argparse.Namespace) -> int:
+    tables = [table for path in wanted.published for table in ([path] if path.suffix == ".csv" else sorted(path.rglob(TABLE)))]
+    packs = [path for path in wanted.published if path.suffix != ".csv" and not (path.is_dir() and any(path.rglob(TABLE)))]
+    if tables and (wanted.out is not None or wanted.scene):
+        raise InputError("--out and --scene: expected packs, found tables: their cells are run as their runs.csv says")
+    states = [_repeat(wanted, tables)] if tables else []
+    states += [_score_again(wanted, packs)] if packs else []
+    return max(states)
+
+
+def _repeat(wanted: argparse.Namespace, tables: Sequence[Path]) -> int:
+    from ia_bench.report.again import drawn, repeat  # brings in Hydra, and what a run is made of
+    from ia_bench.report.collect import name_of, read_published
+
+    published = [run for path in tables for run in read_published(path)]
+    chosen = drawn(published, wanted.share, wanted.seed)
+    say(
+        f"{len(published)} published cells, of which {len(chosen)} are run again (--share {wanted.share:g} --seed {wanted.seed})",
+        sys.stdout,
+    )
+    counts = Counter[str]()
+    for run in chosen:
+        found = repeat(run)
+        apart = found.apart(wanted.tolerance)
+        state = "not run again" if found.problem else "differs" if apart else "agrees"
+        counts[state] += 1
+        say(f"{run['folder']}: {name_of(run)}: {state}{found.problem and f': {found.problem}'}", sys.stdout)
+        for metric, (old, new) in found.scores.items():
+            mark = "  <-" if metric in apart else ""
+            say(f"  {metric.key:<24}{old:>12.6f}{new:>12.6f}{new - old:>+12.6f}{mark}", sys.stdout)
+    say(f"{', '.join(f'{count} {state}' for state, count in counts.items())}; tolerance {wanted.tolerance:g} dB", sys.stdout)
+    return OK if set(counts) == {"agrees"} else FAULT
+
+
+def _score_again(wanted: argparse.Namespace, paths: Sequence[Path]) -> int:
     limit_threads(wanted.threads)
     from ia_bench.runs.verification import OF_A_VIEW, OTHER, TOLERANCE, Verifier  # brings in the renderer
 
-    packs = packs_among(wanted.packs)
+    packs = packs_among(paths)
     scenes = {}
     for text in wanted.scene:
         name, separator, folder = text.partition("=")

@@ -8,6 +8,7 @@ Columns of :class:`Runs`, empty where a run has none (None for a text, NaN for a
     sees_truth              whether prior or method saw the ground truth
     capture, photographs    the label of how the scene was photographed, and how many photographs the run fitted
     preset, threads         of its configuration
+    command                 the settings of its command line, for a shell, without the folder that it was written into
     commit, clean, cpu      of the code and the machine; ``clean``: whether the code was the commit's, without changes
     config_hash             the first digits of it
     <component>_<metric>    a score, also under other definitions ("albedo_linear_psnr") and of a shape ("geometry_depth")
@@ -23,6 +24,7 @@ Columns of :class:`Runs`, empty where a run has none (None for a text, NaN for a
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -51,7 +53,8 @@ NOT_SCORED = "its record is of before this metric"
 """Why a score is undefined that a run of a former version does not have."""
 
 CELL = ("row", "scene", "seed")
-TEXTS = ("row", "scene", "problem", "protocol", "sees_truth", "capture", "preset", "commit", "clean", "cpu", "config_hash")
+MADE = ("preset", "command", "commit", "clean", "cpu", "config_hash")  # what says how a run was made
+TEXTS = ("row", "scene", "problem", "protocol", "sees_truth", "capture", *MADE)
 WHOLE = ("seed", "photographs", "threads", "peak_memory_bytes", "rays", "network_calls")
 KEPT = ("folder", "reasons", "curve", "curve_problem")  # never written
 SCORES = tuple(metric.column for metric in MEASURED)
@@ -132,6 +135,8 @@ def read_run(folder: Path) -> Record:
         "clean": record.clean if environment.get("commit") else None,
         "cpu": environment.get("cpu"),
     }
+    if setup is not None:
+        found["command"] = shlex.join(text for text in shlex.split(setup.command)[2:] if not text.startswith("out="))
     with suppress(InputError):  # of a former version
         found["capture"] = setup and parsed(CaptureSettings, setup.config.get("capture", {})).label
     if record.status == "failed":

@@ -34,8 +34,8 @@ PARTS = {
 }
 """Title of a part of the results, the main one without -> its metrics."""
 OUR_TABLE = """\
-This is our table after the paper's table 1. Its scenes are our own objects, of which hat and ship only
-bear names of the paper's. Renderer, protocol and priors, which are small, are ours as well."""
+This is our table after the paper's table 1. Its scenes are our own objects (our hat and ship are not the
+paper's), and renderer, protocol and priors, which are small, are ours too."""
 """What stands first where rows stand for the paper's."""
 
 

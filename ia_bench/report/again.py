@@ -1,0 +1,83 @@
+"""Published runs once more: a share of them is run by the command lines that their runs.csv holds, and compared score by score.
+
+A command line names plug-ins, so that only files of people who are trusted are to be run again.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ia_bench.common.errors import InputError
+from ia_bench.report.collect import HASH_DIGITS, Record
+from ia_bench.runs.composition import compose
+from ia_bench.runs.identity import hash_of, identity
+from ia_bench.runs.record import RunRecord
+from ia_bench.scores.metrics import MEASURED, Metric
+
+OTHERS = 0.1
+"""So many times as far as a PSNR in dB may a score of another kind be."""
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """What came of running a published ``run`` again.
+
+    ``scores``: metric that was published -> its value then and now, NaN where it is undefined now. ``problem``: why there are none.
+    """
+
+    run: Record
+    scores: dict[Metric, tuple[float, float]]
+    problem: str = ""
+
+    def apart(self, tolerance: float) -> list[Metric]:
+        """The metrics whose values are farther apart than ``tolerance`` (dB), or OTHERS of it where they are no PSNR."""
+        limits = {metric: tolerance * (1 if metric.label == "PSNR" else OTHERS) for metric in self.scores}
+        return [metric for metric, (old, new) in self.scores.items() if not abs(new - old) <= limits[metric]]
+
+
+def drawn(published: Sequence[Record], share: float, seed: int) -> list[Record]:
+    """A share of those published runs that have not failed, at least one, in their order; the same for the same seed."""
+    done = [run for run in published if "problem" not in run]
+    count = min(len(done), max(1, math.ceil(share * len(done))))
+    return [done[place] for place in sorted(np.random.default_rng(seed).choice(len(done), count, replace=False))]
+
+
+def overrides_of(run: Record) -> list[str]:
+    """The settings of a published run. Raises InputError where they are not recorded, or no longer mean what was run."""
+    if not run.get("command"):
+        raise InputError("its runs.csv does not hold the command line, as a report of this version does")
+    overrides = shlex.split(run["command"])
+    if run.get("threads") and not any(text.startswith("threads=") for text in overrides):
+        overrides.append(f"threads={run['threads']}")
+    now = hash_of(identity(compose(overrides)))[:HASH_DIGITS]
+    if now != run["config_hash"]:
+        raise InputError(
+            f"its configuration has another identity now ({now}, not {run['config_hash']}): code, weights or scene differ"
+        )
+    return overrides
+
+
+def repeat(run: Record) -> Repeated:
+    """Run a published run again, in a process of its own and a folder that goes, and compare all that was published of it."""
+    try:
+        overrides = overrides_of(run)
+    except InputError as error:
+        return Repeated(run, {}, str(error))
+    with tempfile.TemporaryDirectory() as place:
+        command = [sys.executable, "-m", "ia_bench", "run", *overrides, f"out={place}/run"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            return Repeated(run, {}, f"it fails now: {(done.stderr.strip() or 'without a word').splitlines()[-1]}")
+        record = RunRecord.read(Path(place, "run"))
+    known = {metric: run[metric.column] for metric in MEASURED if run.get(metric.column) is not None}
+    found = {metric: record.score(metric.key) for metric in known}
+    return Repeated(run, {metric: (old, math.nan if (new := found[metric]) is None else new) for metric, old in known.items()})
