@@ -43,7 +43,7 @@ setup-notebooks: setup ## add to .venv what runs the notebooks of examples/noteb
 notebooks: setup-notebooks ## run the notebooks from top to bottom and keep what they show
 	IA_BENCH_DATASETS=$(CURDIR)/datasets $(PY) examples/notebooks/run.py
 
-table: setup ## the paper's table: every row x scene x seed (ARGS="seeds=0,1 scenes=hat preset=full ...")
+table: setup ## our table after the paper's, on our own objects: every row x scene x seed (ARGS="seeds=0,1 scenes=hat preset=full ...")
 	.venv/bin/ia-bench table $(ARGS)
 
 value: setup ## what priors are worth with fewer and poorer photographs: four hours of one core (ARGS="table=value_eight", docs/value.md)

@@ -1,4 +1,4 @@
-"""Every row x scene x seed of a table, each as a run of its own, then the report.
+"""Every row x scene x seed of a table, each as a run of its own, then the report. table=paper is ours, after the paper's table 1.
 
     ia-bench table [table=paper] [rows=none,targets] [seeds=0,1] [scenes=hat,ship] [jobs=auto] [SETTING=VALUE ...]
     ia-bench table table=FILE.yaml ...

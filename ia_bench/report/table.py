@@ -1,7 +1,7 @@
 """The report's tables as header and cells, which Markdown and LaTeX print alike, and the paper's own table.
 
-A metric that is new is shown as its group says: those of the paper and of the light stand in the main table, all others in a table
-of their own, ERROR_SPLIT.
+A metric that is new is shown as its group says: those of the paper and of the light stand in the main tables, every other group
+has a table of its own.
 """
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ ORIGINS = ("Runs", "Preset", "Threads", "Commit", "Processor", "Rows")
 HEADLINE = ("PSNR", "MSE")  # labels of the metrics that are compared with the paper's
 MAIN = tuple(metric for metric in MEASURED if metric.group == "Light" or metric in METRICS and metric.label in HEADLINE)
 """What a table is read by first."""
+FURTHER = tuple(metric for metric in MEASURED if metric not in (*METRICS, *MAIN))
 PARTS = {
     "": MAIN,
     "SSIM and LPIPS": tuple(metric for metric in METRICS if metric not in MAIN),
-    "Where the error sits": tuple(metric for metric in MEASURED if metric not in (*METRICS, *MAIN)),
+    **{group: tuple(metric for metric in FURTHER if metric.group == group) for group in dict.fromkeys(m.group for m in FURTHER)},
 }
 """Title of a part of the results, the main one without -> its metrics."""
 OUR_TABLE = """\
@@ -178,7 +179,12 @@ def results_table(
             cells += [seconds, memory, f"{one.failed}/{one.runs}", *(texts.get(one.row, "–") for texts in made.values())]
         body.append(cells)
     more = [] if made is None else [*COSTS, *made]
-    return Printed(["Row", *(metric.title for metric in metrics), *more], body)
+    return Printed(["Row", *map(_head, metrics), *more], body)
+
+
+def _head(metric: Metric) -> str:
+    """What stands above a metric's column; in the table of its group, the group is its title."""
+    return f"{metric.label} {metric.arrow}" if metric in FURTHER else metric.title
 
 
 def paper_table(rows: Sequence[PaperRow]) -> Printed:
@@ -230,7 +236,7 @@ def differences_table(differences: Mapping[str, Mapping[str, Paired]], scenes: S
     for title, part in PARTS.items():
         if metrics := [metric for metric in part if any(values[metric.key].pairs for values in differences.values())]:
             texts = {row: [difference_text(values[m.key], m, len(scenes)) for m in metrics] for row, values in differences.items()}
-            head = ["Row", *(metric.title for metric in metrics)]
+            head = ["Row", *map(_head, metrics)]
             found.append((title, Printed(head, [[row, *cells] for row, cells in texts.items()])))
     return found
 
