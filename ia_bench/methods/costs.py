@@ -10,6 +10,8 @@ from typing import Any
 
 OF_THE_FIT = ("bake",)
 """Entries whose seconds are a cost of the fit all the same."""
+NOT_OF_THE_ROW = ("total", "score", "pictures", "capture")
+"""Phases of a run that are none of its method."""
 
 
 class CostTracker:

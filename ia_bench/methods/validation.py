@@ -13,17 +13,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ia_bench.common.declared import Declared
 from ia_bench.common.errors import PluginError
 from ia_bench.common.registry import BUILT_IN, Kind, at_work
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Coupling, Method, Monitor, Problem, Regulariser, Result
+from ia_bench.methods.costs import NOT_OF_THE_ROW
+from ia_bench.readers.contract import BRIGHTEST, ROUNDING
 from ia_bench.render.reconstruction import Assets, Reconstruction, TexturedReconstruction
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera, Mesh
 
-LARGEST_SIDE = 16384
-"""Texels along a side of a texture, or rows of a light: the albedo has 3 GB then, and every copy of it as many."""
+LARGEST_SIDE = 8192
+"""Texels along a side of a texture or a light, as of any image: the albedo has .8 GB then, and every copy of it as many."""
 
 MOST = 2**63
 """Counters and seconds are below it."""
@@ -48,6 +51,10 @@ def checked_result(name: str, result: Any) -> Result:  # noqa: ANN401 (whatever 
     seconds = {what: float(value) for what, value in _numbers(f"{who}: seconds", result.seconds, Real)}
     counters = {what: int(value) for what, value in _numbers(f"{who}: counters", result.counters, Integral)}
     ((_, steps),) = _numbers(who, {"steps": result.steps}, Integral)
+    if twice := seconds.keys() & {"bake", *NOT_OF_THE_ROW}:
+        raise PluginError(f"{who}: seconds: expected phases of the method's own, found {min(twice)}, which the run books itself")
+    if not isinstance(result.declared, Declared | None):
+        raise PluginError(f"{who}: declared: expected a {Declared.__module__}.Declared or None, found {result.declared!r:.100}")
     return Result(checked_reconstruction(name, result.reconstruction), seconds, counters, int(steps), result.declared)
 
 
@@ -63,7 +70,7 @@ def checked_reconstruction(name: str, found: Any) -> Reconstruction:  # noqa: AN
         for part, channels in (("albedo", 3), ("roughness", 1), ("metallic", 1)):
             texture = getattr(found.material, part)
             if texture is not None or part != "metallic":
-                _values(f"{who}: {part}", texture, f"(T, T, {channels})", found.device.type)
+                _values(f"{who}: {part}", texture, f"(T, T, {channels})", found.device.type, 1)
         if type(found) is TexturedReconstruction:
             _environment(who, found.environment)
             return found
@@ -141,9 +148,9 @@ def _assets(who: str, assets: Any) -> Assets | None:  # noqa: ANN401
         return None
     if not isinstance(assets, Assets) or not isinstance(assets.mesh, Mesh):
         raise PluginError(f"{who}: expected {Assets.__module__}.Assets with a mesh, or None, found {type(assets).__name__}")
-    for part, shape in {"albedo": "(T, T, 3)", "roughness": "(T, T)", "metallic": "(T, T)", "light": "(H, W, 3)"}.items():
+    for part, shape in {"albedo": "(T, T, 3)", "roughness": "(T, T)", "metallic": "(T, T)", "light": "(H, 2 H, 3)"}.items():
         if getattr(assets, part) is not None or part in ("albedo", "roughness"):
-            _values(f"{who}: {part}", getattr(assets, part), shape)
+            _values(f"{who}: {part}", getattr(assets, part), shape, most=BRIGHTEST if part == "light" else 1)
     return assets
 
 
@@ -152,7 +159,7 @@ def _environment(who: str, light: Any) -> Environment | None:  # noqa: ANN401
         raise PluginError(f"{who}: expected radiance(directions) and latlong(height), found {type(light).__name__}")
     if isinstance(light, LatLongEnvironment):
         device = light.texels.device.type if isinstance(light.texels, Tensor) else "cpu"
-        _values(f"{who}: light", light.texels, "(H, W, 3)", device)
+        _values(f"{who}: light", light.texels, "(H, 2 H, 3)", device, BRIGHTEST)
     return light
 
 
@@ -202,26 +209,31 @@ def _numbers(who: str, values: Any, kind: type) -> Iterator[tuple[str, Any]]:  #
         yield what, value
 
 
-def _values(what: str, value: Any, shape: str, device: str = "") -> None:  # noqa: ANN401
+def _values(what: str, value: Any, shape: str, device: str = "", most: float | None = None) -> None:  # noqa: ANN401
     """Raise PluginError unless ``value`` has that ``shape``, of which the first two numbers are sides, and is finite float32.
 
-    It must be a tensor of that ``device`` without gradient, or, where there is none, an array.
+    It must be a tensor of that ``device`` without gradient, or, where there is none, an array; and, but for rounding, from 0 to
+    ``most``, None: whatever else will see to its range.
     """
     library: Any = torch if device else np
     if not issubclass(type(value), Tensor if device else np.ndarray):
         raise PluginError(f"{what}: expected {'a tensor' if device else 'an array'}, found {type(value).__name__}")
     facts = [("type", "float32", str(value.dtype).removeprefix("torch."))]
     if device:
+        facts += [("layout", "strided", str(value.layout).removeprefix("torch."))]
         facts += [("device", device.replace("meta", "cpu"), value.device.type), ("gradient", "False", str(value.requires_grad))]
     for fact, expected, found in facts:
         if found != expected:
             raise PluginError(f"{what}: expected {fact} {expected}, found {found}")
     sides, sizes = tuple(value.shape), shape.strip("()").split(", ")
     fits = len(sides) == len(sizes) and [str(size) for size in sides[2:]] == sizes[2:] and min(sides) > 0
-    if not fits or (sizes[0] == sizes[1] and sides[0] != sides[1]):
+    if not fits or sides[1] != sides[0] * (2 if sizes[1].startswith("2") else 1):
         raise PluginError(f"{what}: expected shape {shape}, found {sides}")
     if max(sides[:2]) > LARGEST_SIDE:
         raise PluginError(f"{what}: expected at most {LARGEST_SIDE} texels a side, found {sides}")
     bad = int((~library.isfinite(value)).sum())
     if bad:
         raise PluginError(f"{what}: expected finite values, found NaN or Inf in {bad} of {math.prod(sides)}")
+    least, largest = float(value.min()), float(value.max())
+    if most is not None and not (-ROUNDING <= least and largest <= most + ROUNDING):
+        raise PluginError(f"{what}: expected values from 0 to {most:g}, found {least:.4g} to {largest:.4g}")

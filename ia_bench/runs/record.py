@@ -19,6 +19,7 @@ from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.files import read_json
 from ia_bench.common.ranges import Name
 from ia_bench.common.settings import parsed, parsed_file
+from ia_bench.methods.costs import NOT_OF_THE_ROW
 
 METRICS_FILE = "metrics.json"
 CONFIG = "config.json"
@@ -29,8 +30,6 @@ CHANGED = "+changes"
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Group = dict[str, float | None]
 PerView = dict[str, list[float | None]]
-NOT_OF_THE_ROW = ("total", "score", "pictures", "capture")
-"""Phases of a run that are none of its method."""
 
 
 def row_seconds(time_s: Mapping[str, float]) -> float:

@@ -63,9 +63,15 @@ class Own:
         ({"albedo": ALBEDO[:2]}, r"albedo: expected shape \(T, T, 3\), found \(2, 4, 3\)"),
         ({"albedo": ALBEDO.numpy()}, "albedo: expected a tensor, found ndarray"),
         ({"albedo": ALBEDO.to("meta")}, "albedo: expected device cpu, found meta"),
-        ({"light": LIGHT[..., 0]}, r"light: expected shape \(H, W, 3\), found \(4, 8\)"),
+        ({"albedo": ALBEDO.to_sparse()}, "albedo: expected layout strided, found sparse_coo"),
+        ({"albedo": ALBEDO - 1}, "albedo: expected values from 0 to 1, found -0.5 to -0.5"),
+        ({"roughness": ROUGHNESS * 20}, "roughness: expected values from 0 to 1, found 10 to 10"),
+        ({"light": LIGHT[..., 0]}, r"light: expected shape \(H, 2 H, 3\), found \(4, 8\)"),
+        ({"light": LIGHT[:3]}, r"light: expected shape \(H, 2 H, 3\), found \(3, 8, 3\)"),
+        ({"light": -LIGHT}, r"light: expected values from 0 to 1e\+12, found -1 to -1"),
+        ({"light": LIGHT * 1e38}, r"light: expected values from 0 to 1e\+12, found 1e\+38 to 1e\+38"),
         ({"albedo": ALBEDO.clone().requires_grad_()}, "albedo: expected gradient False, found True"),
-        ({"albedo": torch.ones(1, 1, 3).expand(36000, 36000, 3)}, "albedo: expected at most 16384 texels a side"),
+        ({"albedo": torch.ones(1, 1, 3).expand(36000, 36000, 3)}, "albedo: expected at most 8192 texels a side"),
     ],
 )
 def test_textures_that_nothing_can_draw(changes: dict[str, Any], message: str, stage: Stage) -> None:
@@ -83,6 +89,8 @@ def test_textures_that_nothing_can_draw(changes: dict[str, Any], message: str, s
         ({"seconds": [1.0]}, "seconds: expected a mapping of names to numbers, found list"),
         ({"counters": {"calls": float("nan")}}, "counters: expected names with whole numbers >= 0, found 'calls': nan"),
         ({"counters": {3: 4}}, "counters: expected names with whole numbers >= 0, found 3: 4"),
+        ({"seconds": {"score": 1.0}}, "seconds: expected phases of the method's own, found score, which the run books itself"),
+        ({"declared": {"seconds": 1}}, "declared: expected a ia_bench.common.declared.Declared or None, found {'seconds': 1}"),
         ({"steps": -1}, "expected names with whole numbers >= 0, found 'steps': -1"),
     ],
 )
