@@ -235,5 +235,5 @@ def _values(what: str, value: Any, shape: str, device: str = "", most: float | N
     if bad:
         raise PluginError(f"{what}: expected finite values, found NaN or Inf in {bad} of {math.prod(sides)}")
     least, largest = float(value.min()), float(value.max())
-    if most is not None and not (-ROUNDING <= least and largest <= most + ROUNDING):
+    if most is not None and not (least >= -ROUNDING and largest <= most + ROUNDING):
         raise PluginError(f"{what}: expected values from 0 to {most:g}, found {least:.4g} to {largest:.4g}")

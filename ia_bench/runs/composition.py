@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import MISSING, asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ from typing import Any
 from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import QuotedString
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
@@ -35,7 +38,7 @@ def register(overrides: Sequence[str]) -> None:
     once all is composed (:func:`ia_bench.runs.config.resolved`). Raises InputError for a group that is set to nothing.
     """
     for key, _, value in (text.partition("=") for text in overrides):
-        if value in ("", "null", "~") and (conf_folder() / key).is_dir():
+        if (conf_folder() / key).is_dir() and not _is_name(value):
             raise InputError(unknown(key, value, sorted(path.stem for path in (conf_folder() / key).glob("*.yaml"))))
     store = ConfigStore.instance()
     defaults: dict[str, Any] = {f.name: f.default for f in fields(RunConfig) if f.default is not MISSING and f.name != "command"}
@@ -48,6 +51,14 @@ def register(overrides: Sequence[str]) -> None:
             continue  # no group: fit.regularise has a list of their names
         for plugin in [*registry.installed(kind).values(), *_named_plugins(kind, overrides)]:
             store.store(group=kind, name=plugin.name, node=OmegaConf.create({"name": plugin.name, "target": plugin.target}))
+
+
+def _is_name(value: str) -> bool:
+    """Whether a value in Hydra's grammar may name something: numbers, truth values, tables and nothing do not."""
+    with suppress(HydraException):  # what cannot be read is told when all is composed
+        found = OverridesParser.create().parse_override(f"x={value}").value()
+        return isinstance(found, str | QuotedString | list) or "," in value
+    return True
 
 
 def written_out(overrides: Sequence[str]) -> list[str]:
