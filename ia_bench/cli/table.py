@@ -32,6 +32,7 @@ from ia_bench.runs.table import refuse_own
 
 OWN = ("table", "rows", "scenes", "seeds", "jobs", "launcher")
 """What the command line says of the table itself; all else goes to every cell."""
+DIGITS = 18  # of a seed or of jobs: below 2^63
 
 
 def parse(arguments: Sequence[str]) -> TableRequest:
@@ -128,6 +129,6 @@ def _usage() -> str:
 
 
 def _whole(key: str, text: str, least: int, what: str) -> int:
-    if not (text.isascii() and text.isdecimal()) or int(text) < least:
-        raise InputError(f"{key}={text}: expected {what}, from {least} on")
+    if not (text.isascii() and text.isdecimal()) or len(text) > DIGITS or int(text) < least:
+        raise InputError(f"{key}={text:.100}: expected {what}, from {least} on and of at most {DIGITS} digits")
     return int(text)

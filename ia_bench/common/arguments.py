@@ -60,7 +60,7 @@ def at_least(least: int) -> Callable[[str], int]:
     """An argparse ``type``: a whole number that is not below ``least``."""
 
     def number(text: str) -> int:
-        if not re.fullmatch(r"-?\d+", text) or int(text) < least:
+        if not re.fullmatch(r"-?\d{1,18}", text) or int(text) < least:
             raise argparse.ArgumentTypeError(f"expected a whole number of at least {least}, found {text}")
         return int(text)
 

@@ -58,7 +58,7 @@ def unknown(what: str, name: str, known: Iterable[str], prefix: str = "") -> str
     names = list(known)
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     hint = f"; did you mean '{prefix}{near[0]}'?" if near else "."
-    return f"unknown {what} '{prefix}{name}'{hint} There {'are' if names else 'is'}: {listed(names)}"
+    return f"unknown {what} '{prefix}{name:.200}'{hint} There {'are' if names else 'is'}: {listed(names)}"
 
 
 def listed(names: Iterable[str]) -> str:

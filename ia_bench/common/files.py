@@ -13,10 +13,12 @@ import yaml
 
 from ia_bench.common.errors import InputError, printable
 
+DIGITS = 300  # of a whole number, which then is also a float
+
 
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON object: UTF-8 text with finite numbers, as the standard has it. Raises InputError, naming the file."""
-    return _table_in(path, "JSON", partial(json.loads, parse_constant=_refuse_constant))
+    return _table_in(path, "JSON", partial(json.loads, parse_constant=_refuse_constant, parse_int=_whole))
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -112,6 +114,12 @@ def _table_in(path: Path, what: str, parse: Callable[[str], object]) -> dict[str
         kind = "JSON object" if what == "JSON" else "YAML table"
         raise InputError(f"{shown(path)}: expected a {kind}, found {type(content).__name__}")
     return content
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > DIGITS:
+        raise ValueError(f"a number of {len(digits)} digits")
+    return int(digits)
 
 
 def _refuse_constant(name: str) -> NoReturn:

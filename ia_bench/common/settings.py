@@ -15,7 +15,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError, create_model
 from pydantic.errors import PydanticUserError
 from pydantic_core import ErrorDetails
 
-from ia_bench.common.errors import InputError, unknown
+from ia_bench.common.errors import InputError, PluginError, unknown
 
 T = TypeVar("T")
 
@@ -33,6 +33,8 @@ EXPECTED = {
     "dict_type": "a table",
     "dataclass_type": "a table",
     "missing": "a value",
+    "dataclass_exact_type": "a {class_name}",
+    "string_too_short": "some text",
     "greater_than_equal": "{ge:.10g} or more",
     "greater_than": "more than {gt:.10g}",
     "less_than_equal": "{le:.10g} or less",
@@ -45,6 +47,7 @@ EXPECTED = {
 UNKNOWN = {"unexpected_keyword_argument", "extra_forbidden"}
 """Kinds of pydantic's errors about a name that is no setting."""
 
+FINITE = ConfigDict(allow_inf_nan=False)
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
 
 
@@ -63,6 +66,16 @@ def parsed_file(kind: type[T], path: Path, content: Mapping[str, Any], said: str
         return parsed(kind, content)
     except InputError as error:
         raise InputError(f"{path}: {said}{error}{advice}") from None
+
+
+def check_fields(instance: object, who: str) -> None:
+    """Raise PluginError, ``who`` before the field's name, for a dataclass of a plug-in's with a value of another type."""
+    for name, hint in get_type_hints(type(instance), include_extras=True).items():
+        try:
+            TypeAdapter(hint, config=FINITE).validate_python(value := getattr(instance, name), strict=True)
+        except ValidationError as error:
+            expected = " or ".join(map(_words, error.errors(include_url=False)))
+            raise PluginError(f"{who}{name}: expected {expected}, found {value!r:.100}") from None
 
 
 def check_arguments(factory: Callable[..., Any], options: Mapping[str, Any], key: str, given: int = 0) -> None:

@@ -88,6 +88,8 @@ def sound_mesh(
     ``path`` names it in messages. None stands for what the file does not have.
     """
     vertices, faces = np.asarray(vertices, np.float64), np.asarray(faces, np.int64)
+    if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
+        raise InputError(f"{path}: expected vertices and faces of three numbers each, found {vertices.shape} and {faces.shape}")
     if not np.isfinite(vertices).all():
         bad = int((~np.isfinite(vertices).all(axis=1)).sum())
         raise InputError(f"{path}: {bad} of {len(vertices)} vertices are NaN or Inf")

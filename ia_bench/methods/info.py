@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from ia_bench.common.errors import InputError, PluginError
+from ia_bench.common.settings import check_fields
 
 if TYPE_CHECKING:
     from ia_bench.scenes.scene import Camera, Scene
@@ -82,3 +83,4 @@ def check_declarations(name: str, method: Any) -> None:  # noqa: ANN401 (anythin
     ):
         if not holds:
             raise PluginError(f"method {name}: {part}: expected {expected}, found {getattr(method, part)!r:.100}")
+    check_fields(method.info, f"method {name}: info: ")

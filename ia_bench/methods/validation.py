@@ -16,10 +16,12 @@ from torch import Tensor
 from ia_bench.common.declared import Declared
 from ia_bench.common.errors import PluginError
 from ia_bench.common.registry import BUILT_IN, Kind, at_work
+from ia_bench.common.settings import check_fields
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Coupling, Method, Monitor, Problem, Regulariser, Result
 from ia_bench.methods.costs import NOT_OF_THE_ROW
+from ia_bench.priors.validation import MOST
 from ia_bench.readers.contract import BRIGHTEST, ROUNDING
 from ia_bench.render.reconstruction import Assets, Reconstruction, TexturedReconstruction
 from ia_bench.scenes.images import Images
@@ -27,9 +29,6 @@ from ia_bench.scenes.scene import Camera, Mesh
 
 LARGEST_SIDE = 8192
 """Texels along a side of a texture or a light, as of any image: the albedo has .8 GB then, and every copy of it as many."""
-
-MOST = 2**63
-"""Counters and seconds are below it."""
 
 
 def reconstruct(name: str, method: Method, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
@@ -55,6 +54,8 @@ def checked_result(name: str, result: Any) -> Result:  # noqa: ANN401 (whatever 
         raise PluginError(f"{who}: seconds: expected phases of the method's own, found {min(twice)}, which the run books itself")
     if not isinstance(result.declared, Declared | None):
         raise PluginError(f"{who}: declared: expected a {Declared.__module__}.Declared or None, found {result.declared!r:.100}")
+    if result.declared is not None:
+        check_fields(result.declared, f"{who}: declared: ")
     return Result(checked_reconstruction(name, result.reconstruction), seconds, counters, int(steps), result.declared)
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
+from pydantic import Field
 from torch import Tensor
 
 from ia_bench.common.declared import Declared
@@ -39,11 +40,11 @@ class PriorInfo:
     provides: frozenset[str]
     stochastic: bool = False
     guidable: bool = False
-    resolution: int | None = None
+    resolution: Annotated[int, Field(ge=1)] | None = None
     encoding: Mapping[str, str] = field(default_factory=lambda: dict.fromkeys(COMPONENTS, "srgb"))
     sees_truth: bool = False
     wants: frozenset[str] = frozenset()
-    coupling: str | None = None
+    coupling: Annotated[str, Field(min_length=1)] | None = None
     declared: Declared | None = None
 
     def __post_init__(self) -> None:
@@ -51,17 +52,9 @@ class PriorInfo:
             value = getattr(self, name)
             if not (isinstance(value, frozenset) and value <= set(known)):
                 raise InputError(f"{name}: expected a frozenset of some of {', '.join(known)}, found {value!r}")
-        for name in ("stochastic", "guidable", "sees_truth"):
-            if not isinstance(getattr(self, name), bool):
-                raise InputError(f"{name}: expected True or False, found {getattr(self, name)!r}")
-        side = self.resolution
-        if side is not None and (isinstance(side, bool) or not isinstance(side, int) or side < 1):
-            raise InputError(f"resolution: expected a number of pixels > 0, or None, found {side!r}")
         encoding: Any = self.encoding
         if not isinstance(encoding, Mapping) or any(encoding.get(name) not in ENCODINGS for name in self.provides):
             raise InputError(f"encoding: expected one of {', '.join(ENCODINGS)} for every component provided, found {encoding!r}")
-        if self.coupling is not None and not (isinstance(self.coupling, str) and self.coupling):
-            raise InputError(f"coupling: expected the name of a coupling, or None, found {self.coupling!r}")
         if "truth" in self.wants and not self.sees_truth:
             raise InputError("wants: expected sees_truth=True of a prior that wants truth, found False")
 

@@ -10,10 +10,13 @@ from torch import Tensor
 
 from ia_bench.common.errors import PluginError
 from ia_bench.common.registry import at_work
+from ia_bench.common.settings import check_fields
 from ia_bench.priors.contract import Distiller, Observations, Prior, PriorInfo, Refiner, Samples
 
 ABOVE = 0.01
 """An albedo so little beyond its range is one of rounding, or of an interpolation."""
+MOST = 2**63
+"""Counters and seconds are below it."""
 LARGEST = 1e6
 """Linear values above this, and negative ones, are counted: no scene has them, but nothing breaks because of them."""
 
@@ -24,6 +27,9 @@ def check_prior_info(prior: Any) -> None:  # noqa: ANN401 (anything may claim to
         info = getattr(prior, "info", None)
     if not isinstance(info, PriorInfo):
         raise PluginError(f"prior {name_of(prior)}: info: expected a {PriorInfo.__module__}.PriorInfo, found {info!r:.100}")
+    check_fields(info, f"prior {name_of(prior)}: info: ")
+    if info.declared is not None:
+        check_fields(info.declared, f"prior {name_of(prior)}: info: declared: ")
     if not callable(getattr(prior, "sample", None)):
         raise PluginError(f"prior {name_of(prior)}: expected a method sample(observations, *, seed, guidance=None), found none")
 
@@ -86,7 +92,7 @@ def checked(name: str, method: str, samples: Any, provides: frozenset[str] | Non
         if not bool((ceilings[component] > 0).all()):
             raise PluginError(f"{who}: ceiling of {component}: expected values > 0, found {float(ceilings[component].min()):g}")
     for what, count in samples.cost.items():
-        if not isinstance(what, str) or isinstance(count, bool) or not isinstance(count, int) or count < 0:
+        if not isinstance(what, str) or isinstance(count, bool) or not isinstance(count, int) or not 0 <= count < MOST:
             raise PluginError(f"{who}: cost: expected names with whole numbers >= 0, found {what!r}: {count!r:.100}")
     return Samples(values, ceilings, dict(samples.cost))
 

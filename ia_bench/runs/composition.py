@@ -37,7 +37,8 @@ def register(overrides: Sequence[str]) -> None:
     Plugins are the installed ones and those that ``overrides`` spell out (``prior=module:Class``). Types and ranges are checked
     once all is composed (:func:`ia_bench.runs.config.resolved`). Raises InputError for a group that is set to nothing.
     """
-    for key, _, value in (text.partition("=") for text in overrides):
+    for override, _, value in (text.partition("=") for text in overrides):
+        key = override.lstrip("+~").partition("@")[0]
         if (conf_folder() / key).is_dir() and not _is_name(value):
             raise InputError(unknown(key, value, sorted(path.stem for path in (conf_folder() / key).glob("*.yaml"))))
     store = ConfigStore.instance()

@@ -116,6 +116,7 @@ def write_exr(path: Path, image: np.ndarray, *, half: bool = True) -> None:
 # A pixel (r, g, b, e) is (r, g, b) 2^(e - 136), black where e is 0 (Ward, "Real Pixels", Graphics Gems II, 1991; file layout:
 # Radiance's reference manual, "filefmts"). Rows run from top to bottom, which is what all programs write.
 SHORTEST, LONGEST = 8, 32767  # pixels of a row that may be run-length encoded
+LONGEST_SIZE = 40  # characters of the line of rows and columns
 
 
 def read_rgbe(path: Path) -> np.ndarray:
@@ -141,10 +142,17 @@ def _header(path: Path, content: bytes) -> tuple[int, int, int]:
         raise InputError(f"{path}: expected a Radiance picture, which begins with #?, found {shown(repr(content[:10]))}")
     head, separator, rest = content.partition(b"\n\n")
     size, _, _ = rest.partition(b"\n")
-    words = size.split()
+    words = size[:40].split()  # what is longer is no size
     if b"32-bit_rle_xyze" in head:
         raise InputError(f"{path}: expected the colours of 32-bit_rle_rgbe, found 32-bit_rle_xyze")
-    if not separator or len(words) != 4 or words[0] != b"-Y" or words[2] != b"+X" or not (words[1] + words[3]).isdigit():
+    if (
+        not separator
+        or len(size) > LONGEST_SIZE
+        or len(words) != 4
+        or words[0] != b"-Y"
+        or words[2] != b"+X"
+        or not (words[1] + words[3]).isdigit()
+    ):
         raise InputError(f"{path}: expected a size as '-Y rows +X columns', found {shown(repr(size[:40]))}")
     return int(words[1]), int(words[3]), len(head) + 2 + len(size) + 1
 
