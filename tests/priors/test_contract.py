@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,7 +14,8 @@ from torch import Tensor
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
-from ia_bench.common.errors import InputError
+from ia_bench.common.declared import Declared
+from ia_bench.common.errors import InputError, PluginError
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.priors.validation import ask, ask_to_distill, check_prior_info
@@ -36,7 +39,6 @@ def test_oracle_conforms(options: dict) -> None:
     ("fields", "message"),
     [
         ({"provides": {"albedo"}}, "provides: expected a frozenset of some of albedo, specular, found {'albedo'}"),
-        ({"resolution": 0}, "resolution: expected .*, found 0"),
         ({"encoding": {"albedo": "log"}}, "encoding: expected one of linear, srgb for every component provided, found"),
         ({"wants": frozenset({"depth"})}, "wants: expected a frozenset of some of normals, visibility, view_count, truth, found"),
         ({"wants": frozenset({"truth"})}, "wants: expected sees_truth=True of a prior that wants truth, found False"),
@@ -45,6 +47,25 @@ def test_oracle_conforms(options: dict) -> None:
 def test_an_info_that_cannot_be_meant_is_refused(fields: dict, message: str) -> None:
     with pytest.raises(InputError, match=f"^{message}"):
         PriorInfo(**{"provides": frozenset({"albedo"}), **fields})
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "expected"),
+    [
+        ("resolution", 0, "1 or more"),
+        ("coupling", "", "some text"),
+        ("stochastic", "no", "true or false"),
+        ("sees_truth", None, "true or false"),
+        ("declared", {}, "a Declared"),
+        ("declared.seconds", math.nan, "a finite number"),
+    ],
+)
+def test_what_a_prior_says_of_another_type_is_refused_before_it_is_asked(field: str, value: object, expected: str) -> None:
+    part, _, inner = field.partition(".")
+    said = {part: Declared(**{inner: value}) if inner else value}
+    prior = SimpleNamespace(info=PriorInfo(frozenset({"albedo"}), **said), sample=print)
+    with pytest.raises(PluginError, match=f"^prior SimpleNamespace: info: .*{field.split('.')[-1]}: expected {expected}, found "):
+        check_prior_info(prior)
 
 
 def test_copies_share_no_memory_and_a_selection_keeps_the_order() -> None:
