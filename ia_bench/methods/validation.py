@@ -20,7 +20,7 @@ from ia_bench.common.settings import check_fields
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Coupling, Method, Monitor, Problem, Regulariser, Result
-from ia_bench.methods.costs import NOT_OF_THE_ROW
+from ia_bench.methods.costs import NOT_OF_THE_ROW, OF_THE_FIT
 from ia_bench.priors.validation import MOST
 from ia_bench.readers.contract import BRIGHTEST, ROUNDING
 from ia_bench.render.reconstruction import Assets, Reconstruction, TexturedReconstruction
@@ -50,7 +50,7 @@ def checked_result(name: str, result: Any) -> Result:  # noqa: ANN401 (whatever 
     seconds = {what: float(value) for what, value in _numbers(f"{who}: seconds", result.seconds, Real)}
     counters = {what: int(value) for what, value in _numbers(f"{who}: counters", result.counters, Integral)}
     ((_, steps),) = _numbers(who, {"steps": result.steps}, Integral)
-    if twice := seconds.keys() & {"bake", *NOT_OF_THE_ROW}:
+    if twice := seconds.keys() & {*OF_THE_FIT, *NOT_OF_THE_ROW}:
         raise PluginError(f"{who}: seconds: expected phases of the method's own, found {min(twice)}, which the run books itself")
     if not isinstance(result.declared, Declared | None):
         raise PluginError(f"{who}: declared: expected a {Declared.__module__}.Declared or None, found {result.declared!r:.100}")
