@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 import subprocess
 import sys
@@ -14,13 +15,13 @@ import pytest
 from scored_runs import put_setup, scored
 
 from ia_bench.common.errors import InputError
-from ia_bench.report.collect import Collection, as_table, collect
+from ia_bench.report.collect import NOT_SCORED, Collection, as_table, collect
 from ia_bench.report.findings import analyse
-from ia_bench.report.table import best_paper_methods, paper_rows
+from ia_bench.report.table import best_paper_methods, left_out, paper_rows, parts, results_table
 from ia_bench.report.write import Report, tex, write_report
 from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.table import Claim, Row, Table
-from ia_bench.scores.metrics import METRICS
+from ia_bench.scores.metrics import MEASURED, METRICS
 
 Write = Callable[..., Path]
 ROOT = Path(__file__).parents[2]
@@ -256,7 +257,40 @@ def test_presets_threads_commits_and_changed_code_that_mix_stand_first(write_run
     text = (tmp_path / "out" / "report.md").read_text()
     assert text.index("different presets") < text.index("## Mean over")
     assert "| 2 | quick | 1 | abc | Abacus 2 | ours |\n" in text
-    assert "different presets" in (tmp_path / "out" / "table.tex").read_text()
+    assert text.splitlines()[2].startswith("**Runs of different presets stand side by side"), "the first line"
+    header = next(line for line in text.splitlines() if line.startswith("| Row"))
+    assert header.endswith("| Failed | Preset | Threads | Commit |")
+    assert "| 0/2 | quick | 1 | abc |\n" in text
+    assert "different presets" in (tmp_path / "out" / "table.tex").read_text().partition("\\begin{tabular}")[0]
+    fast = read(tmp_path / "out", "table", "scene", "row")["mean over scenes", "fast"]
+    assert (fast["preset"], fast["threads"], fast["commit"]) == ("smoke", "2", "def+changes")
+
+
+def test_what_is_alike_for_all_runs_is_said_once(write_run: Write, tmp_path: Path) -> None:
+    """Commits are cut to 12 digits: one record has more of the same."""
+    commit = "0123456789abcdef"
+    for seed in (0, 1):
+        write_run("ours", "hat", seed, preset="quick", environment={"commit": commit[: 16 if seed else 12], "threads": 1})
+    write_report(sorted((tmp_path / "runs").iterdir()), tmp_path / "out")
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert "2 runs, 0 failed. Every run: preset quick, threads 1, commit 0123456789ab.\n" in text
+    assert "stand side by side" not in text
+    assert "| Failed |\n" in text
+
+
+def test_the_light_stands_in_the_main_table_and_every_new_group_in_one_of_its_own() -> None:
+    done = as_table([scored("ours", "hat", seed, 1.0 + seed) for seed in (0, 1)])
+    found = dict(parts(analyse(Collection(done)).overall))
+    assert [metric.key for metric in found[""]][-3:] == ["roughness.mse", "light.psnr", "log_light.rmse"]
+    assert [*found] == ["", "SSIM and LPIPS", "Where the error sits"]
+    split = found["Where the error sits"]
+    printed = results_table(analyse(Collection(done)).overall, {}, split)
+    assert printed.header[1:] == [f"{metric.label} ↓" for metric in split]
+    former = done.assign(**{metric.column: math.nan for metric in [*split, *found[""][-2:]]}, reasons=[{}, {}])
+    former["reasons"] = [{metric.key: NOT_SCORED for metric in MEASURED}] * 2
+    findings = analyse(Collection(former))
+    assert [*dict(parts(findings.overall))] == ["", "SSIM and LPIPS"]
+    assert (findings.footnotes, left_out(findings.overall)) == ({}, []), "nobody has to know of what is newer than all records"
 
 
 def test_runs_that_were_made_alike_are_compared_by_their_seconds_too() -> None:

@@ -61,6 +61,21 @@ def test_bars_are_explained_where_there_are_some_and_seconds_rank_where_they_com
     assert ["stand side by side" in text for text in (alike, mixed)] == [False, True]
 
 
+def test_both_psnrs_and_the_light_are_on_the_page_where_a_run_has_them(write_run: Write, tmp_path: Path) -> None:
+    scores = {"albedo": {"psnr": 20.0}, "light": {"psnr": 16.5}, "log_light": {"rmse": 1.1}, "albedo_error": {"low": 0.25}}
+    whole = {"albedo_whole_image": {"psnr": 24.0}}
+    findings = analyse(collect([write_run("ours", "hat", seed, metrics=scores, variants=whole) for seed in (0, 1)]))
+    page = write_page(findings, "t", tmp_path / "page")
+    text = page.read_text(encoding="utf-8")
+    assert '20.00 <small>± 0.00</small><span class="whole">whole image 24.00</span>' in text
+    assert [one["key"] for one in page_data(page)["metrics"]][-3:] == ["light.psnr", "log_light.rmse", "albedo_error.low"]
+    heads = re.findall(r'<th scope="col"[^>]*data-key="([^"]*)"([^>]*)>', text)
+    assert ("light.psnr", "") in heads, "shown at once"
+    assert ("albedo_error.low", ' class="more"') in heads, "and when somebody asks for all"
+    former = write_page(analyse(collect([write_run("former", "hat")])), "t", tmp_path / "former").read_text(encoding="utf-8")
+    assert "light.psnr" not in former
+
+
 def test_claims_stand_on_the_page_in_the_words_of_the_report(folders: list[Path], tmp_path: Path) -> None:
     """5 and 6 on hat, 6 and 7 on ship. Over seeds 4.303 * sqrt(.125), over scenes 12.706 * .5, of a new one sqrt(3) as much."""
     claims = [Claim(*pair, ["albedo.psnr"]) for pair in (("ours", "none"), ("none", "ours"))]
