@@ -11,6 +11,7 @@ import math
 import platform
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -21,6 +22,7 @@ from ia_bench.common.progress import Progress
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.network import MaterialNetwork, load_network, save_network
 from ia_bench.priors.inputs import use_bf16
+from ia_bench.runs.decomposition import make_prior
 from ia_bench_training.dataset import Batch, TrainingImages, drawn_by
 from ia_bench_training.optimiser import MuonAdamW, split_weights
 from ia_bench_training.resuming import (
@@ -33,7 +35,10 @@ from ia_bench_training.resuming import (
     write_validation,
 )
 from ia_bench_training.settings import TrainSettings
+from ia_bench_training.single_view_scores import COLUMNS, load_examples, score
 from ia_bench_training.validation import score_single_view
+from ia_bench_training.world.images import WorldImages
+from ia_bench_training.world.make import WORLD
 
 PICTURES = 8  # images of a sample grid
 
@@ -79,8 +84,13 @@ class _Training:
         from diffusers.training_utils import EMAModel
 
         self.settings, self.accelerator, self.progress = settings, accelerator, progress
-        self.images = TrainingImages(settings.data, device=accelerator.device)
+        self.images: TrainingImages | WorldImages
+        if (settings.data / WORLD).is_file():
+            self.images = WorldImages(settings.data, settings.mixture, accelerator.device)
+        else:
+            self.images = TrainingImages(settings.data, device=accelerator.device)
         self.held_out = TrainingImages(settings.validation, limit=settings.validation_images)
+        self.scenes = [load_examples(name) for name in settings.scenes]
         for images in (self.images, self.held_out):
             if images.size != settings.network.size:
                 raise InputError(f"{images.folder}: expected images of network.size={settings.network.size}, found {images.size}")
@@ -172,15 +182,28 @@ class _Training:
         self.network.eval()
         index = torch.arange(min(settings.validation_images, len(self.held_out)))
         scored = score_single_view(self.network, self.held_out, index, steps=settings.validation_sampler_steps, seed=settings.seed)
+        self.figures = {name: round(value, 3) for name, value in (scored.figures | self._on_scenes()).items()}
         self.network.train()
         self.ema.restore(self.network.parameters())
-        self.figures = {name: round(value, 3) for name, value in scored.figures.items()}
-        for name, value in scored.figures.items():
+        for name, value in self.figures.items():
             self._writer.add_scalar(f"validation/{name}", value, done)
         rows = [image[:PICTURES].flatten(0, 1).clamp(0, 1) ** (1 / 2.2) for image in scored.pictures.values()]
         self._writer.add_image("validation", torch.cat(rows, 1), done, dataformats="HWC")
         self.progress.note(f"step {done}: " + ", ".join(f"{name} {value:.2f}" for name, value in self.figures.items()))
         write_validation(settings.out, done, seconds, self.figures)
+
+    def _on_scenes(self) -> dict[str, float]:
+        """The score of albedo in development scenes, at the size of their views, beside that of one grey."""
+        found = {}
+        if self.scenes:
+            folder, kind = self.settings.out / "judged", self.settings.network.kind
+            save_network(folder, self.network, {})
+            prior = make_prior(kind, [f"weights={folder}"])
+            for examples in self.scenes:
+                scored = score(prior, examples, samples=1, seed=self.settings.seed)
+                for name in ("grey", "one"):
+                    found[f"{Path(examples.name).name}_{name}"] = scored[COLUMNS[f"albedo_{name}"]]
+        return found
 
     def save(self, done: int, seconds: float) -> None:
         """See :class:`ia_bench_training.resuming.Trainee`."""

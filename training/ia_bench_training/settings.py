@@ -14,6 +14,7 @@ from ia_bench.common.ranges import Count, NotNegative, Number, UnitInterval
 from ia_bench.priors.diffusion.network import NetworkConfig
 from ia_bench_training.dataset import Augmentation
 from ia_bench_training.resuming import identity
+from ia_bench_training.world.images import Mixture
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,10 @@ class TrainSettings:
     """The settings of a training run.
 
     Attributes:
-        data: Folder of shards to train on.
+        data: Folder of shards to train on, or of a world (ia_bench_training.world.make), whose images are made on the way.
+        mixture: Which share of what a world holds is real.
         validation: Folder of shards to validate on; its images have other seeds.
+        scenes: Development scenes whose test views are scored beside it, as names or folders.
         out: The run's folder, in which a run resumes.
         init: Folder of weights of the same network to start from; None: random ones.
         steps: Optimiser steps in all; a run may go on with more.
@@ -53,6 +56,8 @@ class TrainSettings:
     validation: Path
     out: Path
     init: Path | None = None
+    mixture: Mixture = field(default_factory=Mixture)
+    scenes: tuple[str, ...] = ()
     steps: Number = 20_000
     minutes: NotNegative | None = None
     batch: Number = 32
@@ -82,6 +87,6 @@ class TrainSettings:
 
     def identity(self) -> str:
         """Hash of what the weights depend on; a run resumes only where it is the same. It may go on with more ``steps``."""
-        free = ("out", "steps", "minutes", "threads", "compile", "checkpoint_minutes")
+        free = ("out", "steps", "minutes", "threads", "compile", "checkpoint_minutes", "scenes")
         every = dataclasses.asdict(self).items()
         return identity({key: value for key, value in every if key not in free and not key.startswith("validat")})
