@@ -8,11 +8,14 @@ import tomllib
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from ia_bench.common.errors import InputError
 from ia_bench_training import real_sources
 from ia_bench_training.real_sources import closed_set, expect_open, open_files, why_closed
+from ia_bench_training.world import banks
+from ia_bench_training.world.make import _meshes
 
 LISTS = real_sources.LISTS
 
@@ -73,3 +76,12 @@ def test_the_real_data_is_what_is_listed(real_data: Path, fetch: ModuleType, tmp
     assert not open_files(sorted((real_data / "lights/also_in_pmndrs_assets").glob("*.hdr")))
     assert fetch.main(["--from", str(real_data), "--out", str(tmp_path)]) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["captures", "lights", "objects", "textures"]
+
+
+def test_a_world_refuses_what_results_are_measured_on(real_data: Path) -> None:
+    closed = {real_data / name for kind in ("scans", "held_out") for name in closed_set(kind)}
+    assert closed.isdisjoint(_meshes(real_data))
+    lights = [path for path in closed if path.suffix == ".hdr"] + sorted((real_data / "lights/also_in_pmndrs_assets").iterdir())
+    for path in lights:
+        with pytest.raises(InputError, match="open to training, found a file that is not"):
+            banks.photographed(path, np.random.default_rng(0))

@@ -33,6 +33,8 @@ class Augmentation:
         cast: Standard deviation of the light's log gain per channel.
         exposure: Half range of the log exposure error.
         noise: Largest standard deviation of sensor noise, relative to the image's exposure.
+        tone: Standard deviation of the logarithm of a tone curve's exponent, on display values.
+        eight_bits: Probability that a photograph has 8 bits.
         no_geometry: Probability that normals and visibility are withheld, so that one network serves images without them.
     """
 
@@ -41,10 +43,12 @@ class Augmentation:
     cast: NotNegative = 0.2
     exposure: NotNegative = 0.3
     noise: NotNegative = 0.02
+    tone: NotNegative = 0.08
+    eight_bits: UnitInterval = 0.5
     no_geometry: UnitInterval = 0.5
 
 
-NO_AUGMENTATION = Augmentation(mirror=0, permute=0, cast=0, exposure=0, noise=0, no_geometry=1)
+NO_AUGMENTATION = Augmentation(mirror=0, permute=0, cast=0, exposure=0, noise=0, tone=0, eight_bits=0, no_geometry=1)
 
 
 @dataclass(frozen=True)
@@ -133,10 +137,20 @@ def encode(images: dict[str, Tensor], config: NetworkConfig, settings: Augmentat
     factor = factor * torch.exp(settings.exposure * (2 * torch.rand(count, **at) - 1))
     deviation = settings.noise * torch.rand(count, **at) / factor
     grain = torch.randn(radiance.shape, **at) * deviation[:, None, None, None] * masks[..., None]
-    condition = encode_image((radiance + grain).clamp_min(0), masks, factor)
+    condition = _developed(encode_image((radiance + grain).clamp_min(0), masks, factor), settings, at)
     withheld = torch.rand(count, **at) < settings.no_geometry
     if config.geometry:
         geometry = encode_geometry(images["normal"], images["visibility"])
         condition = torch.cat([condition, geometry * ~withheld[:, None, None, None]], 1)
     target = torch.cat([encoding.encode(name, images[name], masks, factor) for name in config.components], 1)
     return Batch(condition, target, masks, factor)
+
+
+def _developed(condition: Tensor, settings: Augmentation, at: dict[str, Any]) -> Tensor:
+    """What a camera's tone curve and its 8 bits make of encoded images (N, 4, H, W)."""
+    count, shown = len(condition), (1 + condition[:, :3]) / 2
+    exponent = torch.exp(settings.tone * torch.randn(count, 1, 1, 1, **at))
+    coarse = torch.rand(count, 1, 1, 1, **at) < settings.eight_bits
+    shown = shown.clamp_min(1e-6) ** exponent
+    shown = torch.where(coarse, (255 * shown).round() / 255, shown)
+    return torch.cat([torch.where(condition[:, 3:] > 0, 2 * shown - 1, condition[:, :3]), condition[:, 3:]], 1)

@@ -95,6 +95,9 @@ def make_held_out(request: HeldOutRequest, progress: Progress) -> None:
     task = progress.task("held-out objects", len(objects))
     for number, name in enumerate(objects):
         asset = load_mesh(request.real / name)
+        if asset is None:
+            progress.note(f"{name}: left out, for its textures repeat")
+            continue
         for k, light in enumerate(lights):
             images.append(photograph(asset, light, np.random.default_rng([SEED, number, k]), request.size, request.samples))
         task.advance()

@@ -107,10 +107,12 @@ def _banks(request: WorldRequest, meshes: Sequence[Path], progress: Progress) ->
     real_tiles, real_lights = len(tiles), len(lights)
     drawn = np.stack([banks.procedural_tile(_stream(request, _TILE, k)) for k in range(request.tiles)])
     lights += [banks.procedural_light(_stream(request, _LIGHT, k)) for k in range(request.lights)]
-    assets = [views.load_mesh(path) for path in meshes]
-    atlases = [banks.atlas(asset.albedo, asset.roughness, asset.metallic) for asset in assets]
-    whole = np.stack(atlases) if atlases else np.zeros((1, banks.ATLAS, banks.ATLAS, 5), np.uint8)
-    stored = {"tiles": banks.packed(np.concatenate([tiles, drawn]), LEVELS), "atlases": banks.packed(whole, ATLAS_LEVELS)}
+    atlases = np.zeros((max(len(meshes), 1), banks.ATLAS, banks.ATLAS, 5), np.uint8)
+    for number, path in enumerate(meshes):
+        asset = views.load_mesh(path)
+        if asset is not None:
+            atlases[number] = banks.atlas(asset.albedo, asset.roughness, asset.metallic)
+    stored = {"tiles": banks.packed(np.concatenate([tiles, drawn]), LEVELS), "atlases": banks.packed(atlases, ATLAS_LEVELS)}
     return {
         **{f"{name}.{part}": values for name, parts in stored.items() for part, values in parts.items()},
         "chances": torch.from_numpy(chances).float(),
@@ -130,7 +132,7 @@ def _trace(request: WorldRequest, first: int, count: int, meshes: Sequence[Path]
         rng = _stream(request, _MESH if meshes else _OBJECT, number)
         if meshes:  # two views of each pose
             asset = views.load_mesh(meshes[number - first])
-            shapes = [views.real(asset, number, rng) for _ in range(request.views)]
+            shapes = [] if asset is None else [views.real(asset, number, rng) for _ in range(request.views)]
         else:
             shapes = [views.procedural(rng)]
         for shape in shapes:

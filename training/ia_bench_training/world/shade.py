@@ -12,14 +12,14 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from ia_bench.light.latlong import row_solid_angles, texel_centres
+from ia_bench.light.latlong import direction_to_texel, row_solid_angles, texel_centres
 from ia_bench.material.brdf import F0, dot, normalize
 from ia_bench_training.lights import HEIGHT, WIDTH
 from ia_bench_training.world.banks import LOBES, Bank
 from ia_bench_training.world.views import DIRECTIONS, directions
 
 SLOTS = 6  # materials of an object at most
-SHARP = 6  # doublings of the cosine that says how much of a smooth lobe is free: cos^64
+LOBE, SHARP = 8, 64.0  # directions of a smooth lobe, and the power of their cosine by which each counts for what is free of it
 
 
 class Dice:
@@ -142,7 +142,9 @@ class Shader:
         self.directions = directions().to(device)
         self._nearest = (around @ directions().T).argmax(1).to(device)
         self._area = row_solid_angles(HEIGHT, WIDTH).float().repeat_interleave(WIDTH).to(device)
-        self._bits = (2 ** torch.arange(8, dtype=torch.uint8)).to(device)
+        self._bits = ((torch.arange(256)[:, None] >> torch.arange(8)) & 1).float().to(device)  # of every byte
+        cosine, beside = (around @ directions().T).topk(LOBE, dim=1)
+        self._beside, self._weight = beside.to(device), F.normalize(cosine**SHARP, p=1, dim=1).to(device)
 
     def __call__(
         self, lights: Tensor, normal: Tensor, toward: Tensor, sky: Tensor, albedo: Tensor, roughness: Tensor, metallic: Tensor
@@ -165,19 +167,16 @@ class Shader:
         images = len(lights)
         power = lights[:, :, 0].flatten(2) * self._area
         coming = torch.zeros(images, 3, DIRECTIONS, device=power.device).index_add_(2, self._nearest, power)
-        free = (sky[..., None] & self._bits).ne(0).flatten(-2).float()
-        cosine = (normal @ self.directions.T).clamp_min_(0)
-        total = cosine.sum(-1, keepdim=True)
-        cosine *= free
-        irradiance = cosine @ coming.movedim(1, -1) / torch.pi
-        ambient = cosine.sum(-1, keepdim=True) / total.clamp_min(1e-6)
+        free = F.embedding(sky.int(), self._bits).flatten(-2)
+        cosine = (normal @ self.directions.T).clamp_min_(0).mul_(free)
+        even = coming.new_full((images, 1, DIRECTIONS), 4 / DIRECTIONS * torch.pi)
+        irradiance, ambient = (cosine @ torch.cat([coming, even], 1).movedim(1, -1) / torch.pi).split([3, 1], -1)
+        ambient = ambient.clamp(0, 1)
 
         facing = dot(normal, toward).clamp(1e-3, 1)
         mirror = normalize(2 * facing * normal - toward)
-        near = (mirror @ self.directions.T).clamp_min_(0)
-        for _ in range(SHARP):
-            near.square_()
-        lobe = (near * free).sum(-1, keepdim=True) / near.sum(-1, keepdim=True).clamp_min(1e-6)
+        texel = direction_to_texel(mirror, HEIGHT, WIDTH)
+        lobe = (free.gather(-1, self._beside[texel]) * self._weight[texel]).sum(-1, keepdim=True)
         lobe = lobe + roughness.square() * (ambient - lobe)
         level = torch.searchsorted(roughness.new_tensor(LOBES), roughness.contiguous()).clamp(1, len(LOBES) - 1)
         edges = roughness.new_tensor(LOBES)

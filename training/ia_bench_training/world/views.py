@@ -17,6 +17,7 @@ import torch
 from numpy.random import Generator
 from torch import Tensor
 
+from ia_bench.common.errors import InputError
 from ia_bench.material.brdf import dot, normalize
 from ia_bench.render.asset_files import read_asset
 from ia_bench.render.gbuffer import primary_rays
@@ -88,9 +89,12 @@ def real(asset: Assets, atlas: int, rng: Generator) -> Shape:
     return Shape(vertices, mesh.faces, normals.astype(np.float32), uv.astype(np.float32), slot, atlas)
 
 
-def load_mesh(path: Path) -> Assets:
-    """A real object, z up."""
-    return read_asset(path, note=lambda _: None)
+def load_mesh(path: Path) -> Assets | None:
+    """A real object, z up; None where its textures repeat, which nothing here can draw."""
+    try:
+        return read_asset(path, note=lambda _: None)
+    except InputError:
+        return None
 
 
 @torch.no_grad()

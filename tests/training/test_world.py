@@ -1,0 +1,106 @@
+"""Worlds: what their images have to be, and that nothing on which results are measured gets into one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from training.test_loop import folders, same_process, train  # noqa: F401 (fixtures)
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.progress import Progress
+from ia_bench_training.world import banks
+from ia_bench_training.world.images import Mixture, WorldImages
+from ia_bench_training.world.make import WorldRequest, _meshes, make_world
+from ia_bench_training.world.shade import Shader
+from ia_bench_training.world.views import DIRECTIONS, directions
+
+SIZE = 16
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("world")
+    with Progress() as progress:
+        request = WorldRequest(folder, real=Path("none"), objects=2, views=2, size=SIZE, tiles=6, lights=2)
+        make_world(request, progress)
+    return folder
+
+
+def test_directions_are_spread_evenly():
+    assert directions().norm(dim=1).sub(1).abs().max() < 1e-5
+    assert directions().mean(0).norm() < 1e-3
+    assert (directions() @ directions().T - 2 * torch.eye(DIRECTIONS)).amax(1).min() > np.cos(np.radians(11))
+
+
+def test_under_an_even_light_the_irradiance_is_the_ambient_visibility_and_a_white_mirror_shows_the_light():
+    normal = torch.nn.functional.normalize(torch.randn(1, 50, 3, generator=torch.Generator().manual_seed(0)), dim=-1)
+    free = torch.full((1, 50, DIRECTIONS // 8), 255, dtype=torch.uint8)
+    half = free.clone()
+    half[..., ::2] = 0
+    light = torch.ones(1, 3, len(banks.LOBES), banks.HEIGHT, banks.WIDTH)
+    one = torch.ones(1, 50, 1)
+    for sky, expected in ((free, 1.0), (half, 0.5)):
+        irradiance, specular, mirrored, ambient, left = Shader(torch.device("cpu"))(
+            light, normal, normal, sky, one.expand(-1, -1, 3), 0.1 * one, one
+        )
+        assert abs(float(ambient.mean()) - expected) < 0.05
+        torch.testing.assert_close(irradiance, ambient.expand(-1, -1, 3), rtol=0.06, atol=0.02)
+        torch.testing.assert_close(specular + mirrored, torch.ones_like(specular), rtol=0.06, atol=0)
+        assert ((left > 0.9) & (left < 1)).all()
+
+
+def test_a_filtered_light_keeps_its_mean_and_gets_smoother():
+    light = banks.procedural_light(np.random.default_rng(3))
+    maps = banks.filtered([light])[0].float()
+    area = banks.row_solid_angles(banks.HEIGHT, banks.WIDTH).float()[:, None]
+    means = (maps * area).sum((-2, -1)).mean(0) / (4 * np.pi)
+    torch.testing.assert_close(means, torch.ones(len(banks.LOBES)), rtol=0.1, atol=0)
+    assert maps.flatten(2).std(-1).mean(0).diff().max() < 0
+
+
+def test_images_are_what_they_say(world):
+    images = WorldImages(world, Mixture())
+    index = torch.arange(len(images))
+    found, again = (images.linear(index, torch.Generator().manual_seed(5)) for _ in range(2))
+    assert all(torch.equal(found[name], again[name]) for name in found)
+    other = images.linear(index, torch.Generator().manual_seed(6))
+    assert not torch.equal(other["albedo"], found["albedo"])
+    assert torch.equal(other["normal"], found["normal"])
+    assert all(torch.isfinite(values).all() for values in found.values())
+    coverage = found["image"][..., 3:]
+    assert all((values[(coverage == 0).expand_as(values)] == 0).all() for values in found.values())
+    assert (found["image"][..., :3] - found["specular"]).min() > -1e-5
+    inside = (coverage == 1)[..., 0]
+    for name, low, high in (("albedo", 0.02, 0.95), ("roughness", 0.05, 1), ("metallic", 0, 1), ("visibility", 0, 1)):
+        assert found[name][inside].min() >= low - 1e-5
+        assert found[name][inside].max() <= high + 1e-5
+    mean = found["image"][..., :3].mean(-1).sum((1, 2)) / coverage.sum((1, 2, 3))
+    torch.testing.assert_close(mean, torch.full_like(mean, 0.3), rtol=1e-3, atol=0)
+
+
+def test_a_network_trains_on_a_world_and_goes_on(world, folders, tmp_path):  # noqa: F811
+    small = [
+        "network.size=16",
+        "network.channels=[16,32]",
+        "network.tokens=16",
+        "network.kind=regressor",
+        "batch=2",
+        "compile=false",
+    ]
+    quick = ["validate_steps=2", "validation_images=2", "precision=float32", "threads=1", "scenes=[tiny]"]
+    line = [f"data={world}", f"validation={folders / 'validation'}", f"out={tmp_path}", *small, *quick]
+    train([*line, "steps=1"])
+    shown = train([*line, "steps=2"])
+    assert "tiny_one" in (tmp_path / "validation.jsonl").read_text() or "tiny_one" in shown.stderr
+
+
+def test_a_world_is_not_changed_under_a_training(world, tmp_path):
+    with Progress() as progress, pytest.raises(InputError, match="give another out= folder"):
+        make_world(WorldRequest(world, real=Path("none"), objects=2, views=2, size=SIZE, tiles=6, lights=2, seed=1), progress)
+    with pytest.raises(InputError, match=r"world\.make makes them"):
+        WorldImages(tmp_path, Mixture())
+    with pytest.raises(InputError, match="expected the folder of `make real-data`"):
+        _meshes(tmp_path)
