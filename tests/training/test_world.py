@@ -13,9 +13,9 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench_training.world import banks
 from ia_bench_training.world.images import Mixture, WorldImages
+from ia_bench_training.world.layout import DIRECTIONS, LOBES, directions
 from ia_bench_training.world.make import WorldRequest, _meshes, make_world
 from ia_bench_training.world.shade import Shader
-from ia_bench_training.world.views import DIRECTIONS, directions
 
 SIZE = 16
 
@@ -40,7 +40,7 @@ def test_under_an_even_light_the_irradiance_is_the_ambient_visibility_and_a_whit
     free = torch.full((1, 50, DIRECTIONS // 8), 255, dtype=torch.uint8)
     half = free.clone()
     half[..., ::2] = 0
-    light = torch.ones(1, 3, len(banks.LOBES), banks.HEIGHT, banks.WIDTH)
+    light = torch.ones(1, 3, len(LOBES), banks.HEIGHT, banks.WIDTH)
     one = torch.ones(1, 50, 1)
     for sky, expected in ((free, 1.0), (half, 0.5)):
         irradiance, specular, mirrored, ambient, left = Shader(torch.device("cpu"))(
@@ -57,7 +57,7 @@ def test_a_filtered_light_keeps_its_mean_and_gets_smoother():
     maps = banks.filtered([light])[0].float()
     area = banks.row_solid_angles(banks.HEIGHT, banks.WIDTH).float()[:, None]
     means = (maps * area).sum((-2, -1)).mean(0) / (4 * np.pi)
-    torch.testing.assert_close(means, torch.ones(len(banks.LOBES)), rtol=0.1, atol=0)
+    torch.testing.assert_close(means, torch.ones(len(LOBES)), rtol=0.1, atol=0)
     assert maps.flatten(2).std(-1).mean(0).diff().max() < 0
 
 

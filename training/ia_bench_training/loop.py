@@ -22,7 +22,6 @@ from ia_bench.common.progress import Progress
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.network import MaterialNetwork, load_network, save_network
 from ia_bench.priors.inputs import use_bf16
-from ia_bench.runs.decomposition import make_prior
 from ia_bench_training.dataset import Batch, TrainingImages, drawn_by
 from ia_bench_training.optimiser import MuonAdamW, split_weights
 from ia_bench_training.resuming import (
@@ -35,10 +34,9 @@ from ia_bench_training.resuming import (
     write_validation,
 )
 from ia_bench_training.settings import TrainSettings
-from ia_bench_training.single_view_scores import COLUMNS, load_examples, score
 from ia_bench_training.validation import score_single_view
 from ia_bench_training.world.images import WorldImages
-from ia_bench_training.world.make import WORLD
+from ia_bench_training.world.layout import WORLD
 
 PICTURES = 8  # images of a sample grid
 
@@ -90,7 +88,11 @@ class _Training:
         else:
             self.images = TrainingImages(settings.data, device=accelerator.device)
         self.held_out = TrainingImages(settings.validation, limit=settings.validation_images)
-        self.scenes = [load_examples(name) for name in settings.scenes]
+        self.scenes: list[Any] = []
+        if settings.scenes:  # imports that a machine which only trains need not have
+            from ia_bench_training.single_view_scores import load_examples
+
+            self.scenes = [load_examples(name) for name in settings.scenes]
         for images in (self.images, self.held_out):
             if images.size != settings.network.size:
                 raise InputError(f"{images.folder}: expected images of network.size={settings.network.size}, found {images.size}")
@@ -196,6 +198,9 @@ class _Training:
         """The score of albedo in development scenes, at the size of their views, beside that of one grey."""
         found = {}
         if self.scenes:
+            from ia_bench.runs.decomposition import make_prior
+            from ia_bench_training.single_view_scores import COLUMNS, score
+
             folder, kind = self.settings.out / "judged", self.settings.network.kind
             save_network(folder, self.network, {})
             prior = make_prior(kind, [f"weights={folder}"])

@@ -24,9 +24,8 @@ from ia_bench_training.objects import tilt
 from ia_bench_training.palettes import palette
 from ia_bench_training.real_sources import expect_open
 from ia_bench_training.textures import draw_material
+from ia_bench_training.world.layout import ATLAS, LOBES, TILE
 
-TILE = 128  # texels along a side of a texture of the bank ...
-ATLAS = 256  # ... and of a real mesh
 ROUGHNESS = {
     "Metal": 0.35, "CorrugatedSteel": 0.4, "DiamondPlate": 0.4, "Foil": 0.25, "Chainmail": 0.4, "Tiles": 0.3, "Marble": 0.25,
     "Onyx": 0.2, "Porcelain": 0.15, "GlazedTerracotta": 0.2, "Plastic": 0.4, "Paint": 0.4, "SolarPanel": 0.2, "Granite": 0.4,
@@ -36,8 +35,6 @@ ROUGHNESS = {
 """The mean roughness of a class of textures that has none of its own; all others are matt, MATT."""
 MATT = 0.85
 METALS = ("Metal", "CorrugatedSteel", "DiamondPlate", "Foil", "Chainmail")
-LOBES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
-"""The roughness of each filtered map of a light; the first is the map itself."""
 CARDS = 3  # coloured neighbours at most
 VARIANTS = 4  # of every photographed light: as it is, then turned, with a ground or neighbours of other colours
 
@@ -92,7 +89,7 @@ def atlas(albedo: np.ndarray, roughness: np.ndarray, metallic: np.ndarray | None
 
 
 def packed(tiles: np.ndarray, levels: int) -> dict[str, Tensor]:
-    """Square textures (N, T, T, 5) uint8 and their means of 2 x 2 texels, ``levels`` in all, as :class:`Bank` takes them."""
+    """Square textures (N, T, T, 5) uint8 and their means of 2 x 2 texels, ``levels`` in all, as Bank takes them."""
     count, decode = len(tiles), srgb_to_linear(np.arange(256, dtype=np.float32) / 255)
     flat, mean, current = [tiles.reshape(-1, 5)], np.empty((count, 5), np.float32), tiles
     for level in range(levels):
@@ -110,26 +107,6 @@ def packed(tiles: np.ndarray, levels: int) -> dict[str, Tensor]:
             current = np.concatenate(parts)
             flat.append(current.reshape(-1, 5))
     return {"flat": torch.from_numpy(np.concatenate(flat)), "mean": torch.from_numpy(mean)}
-
-
-class Bank:
-    """Textures with their smaller versions in one table on a device, repeated as in a mirror."""
-
-    def __init__(self, stored: dict[str, Tensor], side: int, levels: int, device: torch.device) -> None:
-        self._flat, self.mean = stored["flat"].to(device), stored["mean"].to(device)
-        self.side, self.levels = side, levels
-        sizes = [len(self.mean) * (side >> level) ** 2 for level in range(levels)]
-        self._base = torch.tensor(np.cumsum([0, *sizes[:-1]]), device=device)
-        self._decode = srgb_to_linear(torch.arange(256) / 255.0).to(device)
-
-    def look_up(self, which: Tensor, uv: Tensor, spread: Tensor) -> Tensor:
-        """Linear values (..., 5) of textures ``which`` (...) at ``uv`` (..., 2), of which 1 is a side, ``spread`` (...) wide."""
-        level = torch.log2((spread * self.side).clamp_min(1e-6)).round().clamp(0, self.levels - 1).long()
-        side = self.side >> level
-        place = (uv - 2 * torch.floor(uv / 2) - 1).abs()  # a mirror at every edge
-        texel = torch.minimum((place * side[..., None]).long(), side[..., None] - 1)
-        found = self._flat[self._base[level] + (which * side + texel[..., 1]) * side + texel[..., 0]]
-        return torch.cat([self._decode[found[..., :3].long()], found[..., 3:] / 255.0], -1)
 
 
 # ---------------------------------------------------------------- lights

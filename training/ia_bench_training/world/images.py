@@ -16,10 +16,8 @@ from ia_bench.common.ranges import UnitInterval
 from ia_bench.priors.diffusion.network import NetworkConfig
 from ia_bench_training.dataset import CPU, Augmentation, Batch, augment, encode
 from ia_bench_training.palettes import MAX_ALBEDO, MIN_ALBEDO
-from ia_bench_training.world.banks import ATLAS, TILE, Bank
-from ia_bench_training.world.make import ATLAS_LEVELS, BANKS, LEVELS, WORLD
+from ia_bench_training.world.layout import ATLAS, ATLAS_LEVELS, BANKS, KINDS, LEVELS, MISS, TILE, WORLD, Bank
 from ia_bench_training.world.shade import SLOTS, Dice, Shader, draw_lights, draw_materials, surface
-from ia_bench_training.world.views import MISS
 
 REACH = 6  # pixels from which hidden directions take their light
 RADIANCE = 0.3  # the mean of an image
@@ -52,7 +50,7 @@ class WorldImages:
         described = json.loads((folder / WORLD).read_text())
         self.folder, self.size, self.seeds = folder, int(described["size"]), frozenset({int(described["seed"])})
         self.device, self.mixture = device, mixture
-        kinds = [sorted(folder.glob(f"views_{kind}_*.safetensors")) for kind in ("procedural", "real")]
+        kinds = [sorted(folder.glob(f"views_{kind}_*.safetensors")) for kind in KINDS]
         parts = [load_file(path) for path in [*kinds[0], *kinds[1]]]
         if not parts:
             raise InputError(f"{folder}: expected views_*.safetensors, found none yet")

@@ -27,6 +27,7 @@ from ia_bench_training.palettes import palette
 from ia_bench_training.pool import share_out
 from ia_bench_training.real_sources import open_files
 from ia_bench_training.world import banks, views
+from ia_bench_training.world.layout import ATLAS, ATLAS_LEVELS, BANKS, KINDS, LEVELS, TILE, VIEWS, WORLD
 
 USAGE = """\
 python -m ia_bench_training.world.make out=FOLDER [real=results/real] [KEY=VALUE ...]
@@ -47,8 +48,6 @@ Finished files are kept, so that the command can be stopped and repeated, or rep
 """
 PART = 25  # objects in a file of views
 PALETTES = 1024
-LEVELS, ATLAS_LEVELS = 5, 3
-WORLD, BANKS, VIEWS = "world.json", "banks.safetensors", "views_{}_{:04d}.safetensors"
 _TILE, _LIGHT, _PALETTE, _OBJECT, _MESH = range(5)  # purposes of random streams
 
 
@@ -98,7 +97,7 @@ def _meshes(real: Path) -> list[Path]:
 
 def _banks(request: WorldRequest, meshes: Sequence[Path], progress: Progress) -> dict[str, Tensor]:
     """Textures, lights and palettes; what is real comes first, and its number is in ``real_tiles`` and ``real_lights``."""
-    tiles, chances, lights = np.zeros((0, banks.TILE, banks.TILE, 5), np.uint8), np.zeros(0), list[Tensor]()
+    tiles, chances, lights = np.zeros((0, TILE, TILE, 5), np.uint8), np.zeros(0), list[Tensor]()
     if meshes:
         tiles, chances = banks.real_tiles(request.real)
         paths = open_files(sorted((request.real / "lights").rglob("*.hdr")))
@@ -107,7 +106,7 @@ def _banks(request: WorldRequest, meshes: Sequence[Path], progress: Progress) ->
     real_tiles, real_lights = len(tiles), len(lights)
     drawn = np.stack([banks.procedural_tile(_stream(request, _TILE, k)) for k in range(request.tiles)])
     lights += [banks.procedural_light(_stream(request, _LIGHT, k)) for k in range(request.lights)]
-    atlases = np.zeros((max(len(meshes), 1), banks.ATLAS, banks.ATLAS, 5), np.uint8)
+    atlases = np.zeros((max(len(meshes), 1), ATLAS, ATLAS, 5), np.uint8)
     for number, path in enumerate(meshes):
         asset = views.load_mesh(path)
         if asset is not None:
@@ -124,7 +123,7 @@ def _banks(request: WorldRequest, meshes: Sequence[Path], progress: Progress) ->
 
 def _trace(request: WorldRequest, first: int, count: int, meshes: Sequence[Path]) -> None:
     """Trace ``count`` procedural objects from number ``first`` on, or these real ``meshes``, into a file of their own."""
-    path = request.out / VIEWS.format("real" if meshes else "procedural", first // PART)
+    path = request.out / VIEWS.format(KINDS[bool(meshes)], first // PART)
     if path.is_file():
         return
     found, atlases = list[dict[str, Tensor]](), list[int]()

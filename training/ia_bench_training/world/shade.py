@@ -1,6 +1,6 @@
 """Images of traced views, each in materials and a light of its own, in plain torch on any device.
 
-Image = diffuse + specular + what the object throws onto itself. The diffuse part sums the light of views.DIRECTIONS with exact
+Image = diffuse + specular + what the object throws onto itself. The diffuse part sums the light of DIRECTIONS with exact
 shadows. The specular part is split (Karis 2013): filtered light, times what the coat reflects, times the share of the
 lobe that is free. Light between parts of the object is taken from the picture: hidden directions show what is beside them in it.
 The judge's images come from the benchmark's renderer, so what is approximate here cannot flatter.
@@ -15,8 +15,7 @@ from torch.nn import functional as F
 from ia_bench.light.latlong import direction_to_texel, row_solid_angles, texel_centres
 from ia_bench.material.brdf import F0, dot, normalize
 from ia_bench_training.lights import HEIGHT, WIDTH
-from ia_bench_training.world.banks import LOBES, Bank
-from ia_bench_training.world.views import DIRECTIONS, directions
+from ia_bench_training.world.layout import DIRECTIONS, LOBES, Bank, directions
 
 SLOTS = 6  # materials of an object at most
 LOBE, SHARP = 8, 64.0  # directions of a smooth lobe, and the power of their cosine by which each counts for what is free of it

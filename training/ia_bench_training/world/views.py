@@ -1,4 +1,4 @@
-"""Views of objects, traced once and kept: what each pixel sees, and which of DIRECTIONS it can be lit from.
+"""Views of objects, traced once and kept: what each pixel sees, and which directions of light it can be lit from.
 
 Rays are most of the cost of a training image. They do not depend on materials or lights, so a view is traced once, and is another
 image each time that :mod:`ia_bench_training.world.shade` gives it other ones.
@@ -6,8 +6,6 @@ image each time that :mod:`ia_bench_training.world.shade` gives it other ones.
 
 from __future__ import annotations
 
-import functools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,11 +27,8 @@ from ia_bench_training.objects import make_object, tilt
 from ia_bench_training.patterns import on_surface
 from ia_bench_training.render import MAX_COVERAGE, MIN_COVERAGE
 from ia_bench_training.shading import OFFSET
+from ia_bench_training.world.layout import MISS, POINTS, SIDE, directions
 
-DIRECTIONS = 512
-"""Of light, spread evenly over the sphere: 9 degrees apart."""
-SIDE, POINTS = 2, 4  # primary points of a pixel
-MISS = 255  # the slot of a point that sees nothing
 DRESSED = 0.25  # share of the views of a real mesh that wear other textures than its own
 
 
@@ -50,16 +45,6 @@ class Shape:
     uv: np.ndarray
     slot: np.ndarray
     atlas: int
-
-
-@functools.cache
-def directions() -> Tensor:
-    """The directions of light (DIRECTIONS, 3): a Fibonacci lattice on the sphere."""
-    number = torch.arange(DIRECTIONS, dtype=torch.float64) + 0.5
-    z = 1 - 2 * number / DIRECTIONS
-    turn = number * math.pi * (3 - math.sqrt(5))
-    radius = (1 - z * z).sqrt()
-    return torch.stack([radius * turn.cos(), radius * turn.sin(), z], -1).float()
 
 
 def procedural(rng: Generator) -> Shape:
