@@ -9,6 +9,8 @@ VALUE := book fruit bear drum
 # Not datasets/ itself: a render would replace the scenes that the published tables were measured on.
 DATASETS ?= results/datasets$(SIZE:%=-%)
 ARGS ?=
+TRAIN ?= results/prior
+NETWORK ?= regressor
 PY := .venv/bin/python
 BLENDER := .venv-blender/bin/python
 DOCS := .venv-docs/bin/python
@@ -17,7 +19,7 @@ DOCS_READY := .venv-docs/.ready
 BLENDER_READY := .venv-blender/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-ray setup-notebooks notebooks table value report test test-slow verify stability stiffness work-precision lint docs scenes prior-data real-data clean
+.PHONY: help setup setup-ray setup-notebooks notebooks table value report test test-slow verify stability stiffness work-precision lint docs scenes prior-data real-data prior clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -100,6 +102,13 @@ prior-data: setup ## render training images of the priors (ARGS="out=FOLDER imag
 
 real-data: setup ## photographs, lights, objects and textures of others, below results/real (FROM=FOLDER NC=1; docs/real.md)
 	$(PY) datasets/real/fetch.py $(if $(FROM),--from "$(FROM)") $(if $(NC),--nc)
+
+prior: setup ## train a prior on real and procedural things, after real-data; resumes (TRAIN=FOLDER NETWORK=regressor ARGS="minutes=60 ...")
+	$(PY) -m ia_bench_training.world.make out=$(TRAIN)/world
+	$(PY) -m ia_bench_training.world.held_out out=$(TRAIN)/held_out
+	$(PY) -m ia_bench_training.train data=$(TRAIN)/world validation=$(TRAIN)/held_out out=$(TRAIN)/$(NETWORK) \
+		network.kind=$(NETWORK) init=ia_bench/priors/weights/$(NETWORK) rate=2.5e-4 muon_rate=0.01 'scenes=[tiny]' validation_images=92 \
+		compile=false threads=1 $(ARGS)
 
 # Blender as a module pins an older numpy, hence an environment of its own.
 $(BLENDER_READY): datasets/recipes/requirements.txt

@@ -10,19 +10,17 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from ia_bench.common.declared import Declared
 from ia_bench.common.exit_codes import log
-from ia_bench.common.progress import ProgressBar, unseen
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.info import HeldOut, MethodInfo
+from ia_bench.methods.monitor import Monitor, Result
 from ia_bench.methods.photographs import Photographs
 from ia_bench.methods.plan import Plan, choose_prior_views, make_plan
 from ia_bench.methods.views import evenly_spread
 from ia_bench.priors.contract import NoPrior, Prior, PriorInfo, Samples
 from ia_bench.render.gbuffer import GBuffer
-from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.render.renderer import Renderer
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
@@ -249,57 +247,6 @@ class Regulariser:
     def apply(self, material: Material, state: FitState) -> Material:
         """A material instead of ``material``, which stays as it is; the fit brings values back into their range."""
         raise NotImplementedError
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a method gives back.
-
-    Attributes:
-        reconstruction: What it recovered.
-        seconds: By phase, whose names are the method's own; "prior" for what it asked one, or corrected. Baking and scoring
-            are no part of it.
-        counters: What a reader of the results should know of the fit, such as "network_calls".
-        steps: How many steps it took, 0 for a method that takes none.
-        declared: What is said of results that were made elsewhere; None for what this run has made.
-    """
-
-    reconstruction: Reconstruction
-    seconds: Mapping[str, float] = field(default_factory=dict)
-    counters: Mapping[str, int] = field(default_factory=dict)
-    steps: int = 0
-    declared: Declared | None = None
-
-
-@dataclass(frozen=True)
-class Monitor:
-    """How a method talks to the outside: progress, off-the-clock scoring, checkpoints.
-
-    A method that raises before it begins a task with what it has loaded starts over without it.
-
-    Attributes:
-        task: Begins a bar of the display: its name, steps in all, steps already done.
-        note: Takes one-line messages to the user.
-        score: Takes phase, step, seconds so far, and what gives what is recovered so far; its time and rays are not counted.
-        save: Keeps the state of the fit: tensors, numbers, texts, and lists and dicts of them.
-        load: Gives back what was saved last by an interrupted process with the same configuration, or None.
-        stopping: Says that the run is to end: the method saves at its next step, and ``save`` does not return.
-        checkpoint_seconds: Time between two states that are saved.
-    """
-
-    task: Callable[[str, int, int], ProgressBar]
-    note: Callable[[str], None]
-    score: Callable[[str, int, float, Callable[[], Reconstruction]], None]
-    save: Callable[[dict[str, Any]], None]
-    load: Callable[[], dict[str, Any] | None]
-    stopping: Callable[[], bool] = lambda: False
-    checkpoint_seconds: float = 15.0
-
-    @classmethod
-    def silent(cls, **parts: Any) -> Monitor:  # noqa: ANN401 (what the attributes are)
-        """A monitor that shows and keeps nothing, but for the ``parts`` that are given."""
-        nothing = {name: lambda *_: None for name in ("note", "score", "save", "load")}
-        return cls(**{"task": lambda name, steps, done: unseen(name, steps), **nothing, **parts})
 
 
 @runtime_checkable

@@ -18,14 +18,16 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from ia_bench.methods.contract import Monitor, Result
-from ia_bench.render.reconstruction import Reconstruction
+from ia_bench.methods.monitor import Monitor, Result
+
+if TYPE_CHECKING:
+    from ia_bench.render.reconstruction import Reconstruction
 
 FIRST_SCORE = 25  # steps; later scores follow at doubling steps
 SELDOM = 50  # a state is saved at most once in so many times the seconds that it takes

@@ -13,9 +13,10 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench_training.world import banks
 from ia_bench_training.world.images import Mixture, WorldImages
-from ia_bench_training.world.layout import DIRECTIONS, LOBES, directions
+from ia_bench_training.world.layout import DIRECTIONS, LOBES, directions, filtered
 from ia_bench_training.world.make import WorldRequest, _meshes, make_world
 from ia_bench_training.world.shade import Shader
+from ia_bench_training.world.travel import TravelRequest, reduce
 
 SIZE = 16
 
@@ -54,7 +55,7 @@ def test_under_an_even_light_the_irradiance_is_the_ambient_visibility_and_a_whit
 
 def test_a_filtered_light_keeps_its_mean_and_gets_smoother():
     light = banks.procedural_light(np.random.default_rng(3))
-    maps = banks.filtered([light])[0].float()
+    maps = filtered(light[None])[0].float()
     area = banks.row_solid_angles(banks.HEIGHT, banks.WIDTH).float()[:, None]
     means = (maps * area).sum((-2, -1)).mean(0) / (4 * np.pi)
     torch.testing.assert_close(means, torch.ones(len(LOBES)), rtol=0.1, atol=0)
@@ -79,6 +80,16 @@ def test_images_are_what_they_say(world):
         assert found[name][inside].max() <= high + 1e-5
     mean = found["image"][..., :3].mean(-1).sum((1, 2)) / coverage.sum((1, 2, 3))
     torch.testing.assert_close(mean, torch.full_like(mean, 0.3), rtol=1e-3, atol=0)
+
+
+def test_a_world_that_travels_shows_the_same_views(world, tmp_path):
+    reduce(TravelRequest(world, tmp_path, every=1, lights=2))
+    here, there = (
+        WorldImages(folder, Mixture()).linear(torch.arange(2), torch.Generator().manual_seed(5)) for folder in (world, tmp_path)
+    )
+    assert torch.equal(here["normal"], there["normal"])
+    for name in ("albedo", "image", "roughness"):
+        assert (here[name] - there[name]).abs().mean() < 0.02, name
 
 
 def test_a_network_trains_on_a_world_and_goes_on(world, folders, tmp_path):  # noqa: F811

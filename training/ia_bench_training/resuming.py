@@ -23,8 +23,8 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
-from ia_bench.methods.contract import Monitor
 from ia_bench.methods.descent import Descent, Phase, Stateful
+from ia_bench.methods.monitor import Monitor
 
 FINAL_RATE = 0.02
 """Share of the full learning rate that is left at the last step."""

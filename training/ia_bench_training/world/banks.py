@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from ia_bench_training.objects import tilt
 from ia_bench_training.palettes import palette
 from ia_bench_training.real_sources import expect_open
 from ia_bench_training.textures import draw_material
-from ia_bench_training.world.layout import ATLAS, LOBES, TILE
+from ia_bench_training.world.layout import ATLAS, TILE
 
 ROUGHNESS = {
     "Metal": 0.35, "CorrugatedSteel": 0.4, "DiamondPlate": 0.4, "Foil": 0.25, "Chainmail": 0.4, "Tiles": 0.3, "Marble": 0.25,
@@ -63,11 +62,10 @@ def real_tiles(folder: Path) -> tuple[np.ndarray, np.ndarray]:
             chances.append(len(paths) ** -0.5)
     for place in sorted((folder / "textures/pbr").iterdir()):
         colour = _picture(expect_open(next(place.glob("albedo.*"))), "RGB", 4 * TILE)
-        rest = []
-        for name, value in (("roughness", MATT), ("metallic", 0.0)):
-            path = next(place.glob(f"{name}.*"), None)
-            known = path is not None and _picture(expect_open(path), "L", 4 * TILE)[..., None]
-            rest.append(np.full((*colour.shape[:2], 1), 255 * value) if known is False else known)
+        rest = [np.full((*colour.shape[:2], 1), 255 * value) for value in (MATT, 0.0)]
+        for channel, name in enumerate(("roughness", "metallic")):
+            for known in place.glob(f"{name}.*"):
+                rest[channel] = _picture(expect_open(known), "L", 4 * TILE)[..., None]
         whole = np.concatenate([colour, *rest], -1)
         cuts = [(whole, 4), *((whole[r : r + 2 * TILE, c : c + 2 * TILE], 2) for r in (0, 2 * TILE) for c in (0, 2 * TILE))]
         tiles += [cut.reshape(TILE, step, TILE, step, 5).mean((1, 3)) for cut, step in cuts]
@@ -148,37 +146,3 @@ def _neighbours(radiance: Tensor, rng: Generator, *, ground: bool) -> Tensor:
         inside = ((around @ toward - edge) * 15 + 0.5).clamp(0, 1)[..., None]
         radiance = radiance * (1 - inside) + inside * colours[number] * mean * rng.uniform(0.4, 1.2)
     return radiance
-
-
-def filtered(lights: list[Tensor]) -> Tensor:
-    """Lights of mean radiance 1, filtered by the lobe of each of LOBES: (L, 3, len(LOBES), HEIGHT, WIDTH) float16."""
-    area = row_solid_angles(HEIGHT, WIDTH).float()[:, None]
-    stack = torch.stack(lights).float().clamp_min(1e-5)
-    mean = (stack.mean(-1) * area).sum((1, 2)) / (4 * math.pi)
-    stack = (stack / mean[:, None, None, None]).movedim(-1, 1)  # (L, 3, H, W)
-    maps = [stack]
-    for roughness in LOBES[1:]:
-        fine = roughness < 0.3
-        source = stack if fine else torch.nn.functional.avg_pool2d(stack * area, 2) * 4 / _coarse_area()
-        blurred = source.flatten(2) @ _lobe(roughness, HEIGHT if fine else HEIGHT // 2)
-        image = blurred.unflatten(-1, source.shape[-2:])
-        if not fine:
-            image = torch.nn.functional.interpolate(image, (HEIGHT, WIDTH), mode="bilinear", align_corners=False)
-        maps.append(image)
-    return torch.stack(maps, 2).clamp(max=60000).half()
-
-
-def _coarse_area() -> Tensor:
-    return row_solid_angles(HEIGHT // 2, WIDTH // 2).float()[:, None]
-
-
-@functools.cache
-def _lobe(roughness: float, rows: int) -> Tensor:
-    """(T, T): what texel i of a map adds to texel k of the filtered one, for a surface seen along its normal (Karis 2013)."""
-    around = texel_centres(rows, 2 * rows).reshape(-1, 3)
-    area = row_solid_angles(rows, 2 * rows).float().repeat_interleave(2 * rows)
-    cosine = around @ around.T
-    half = (1 + cosine).clamp_min(0) / 2  # squared cosine of the half angle
-    alpha2 = roughness**4
-    weight = cosine.clamp_min_(0) * area[:, None] / (half * (alpha2 - 1) + 1).square_()
-    return weight / weight.sum(0, keepdim=True)

@@ -38,7 +38,7 @@ from ia_bench_training.world.views import load_mesh
 USAGE = """\
 python -m ia_bench_training.world.held_out out=FOLDER [real=results/real] [size=64] [samples=256]
 
-Photographs every held-out real object of datasets/real/sources.toml under each held-out light, once, into one shard, as
+Photographs every held-out real object of datasets/real/sources.toml under each held-out light, once, into one shard (kept if it is there), as
 python -m ia_bench_training.single_view and validation=FOLDER of training take it.
 """
 SEED = 2**31  # of the shard: no training set has it
@@ -89,6 +89,8 @@ def photograph(asset: Assets, light: np.ndarray, rng: np.random.Generator, size:
 def make_held_out(request: HeldOutRequest, progress: Progress) -> None:
     """Photograph what is held out."""
     make_writable(request.out, "out")
+    if shard_path(request.out, 0).is_file():
+        return
     names = closed_set("held_out")
     lights = [_halved(read_light(request.real / name)) for name in names if name.startswith("lights/")]
     objects, images = [name for name in names if name.startswith("objects/")], list[dict[str, Tensor]]()

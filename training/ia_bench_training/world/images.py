@@ -16,7 +16,7 @@ from ia_bench.common.ranges import UnitInterval
 from ia_bench.priors.diffusion.network import NetworkConfig
 from ia_bench_training.dataset import CPU, Augmentation, Batch, augment, encode
 from ia_bench_training.palettes import MAX_ALBEDO, MIN_ALBEDO
-from ia_bench_training.world.layout import ATLAS, ATLAS_LEVELS, BANKS, KINDS, LEVELS, MISS, TILE, WORLD, Bank
+from ia_bench_training.world.layout import ATLAS, ATLAS_LEVELS, BANKS, KINDS, LEVELS, MISS, TILE, WORLD, Bank, filtered
 from ia_bench_training.world.shade import SLOTS, Dice, Shader, draw_lights, draw_materials, surface
 
 REACH = 6  # pixels from which hidden directions take their light
@@ -62,8 +62,11 @@ class WorldImages:
         self._start, self._count = ends[:-1].to(device), torch.cat(counts).to(device)
         self._procedural = sum(len(count) for count in counts[: len(kinds[0])])
         bank = load_file(folder / BANKS)
+        if bank["lights"].shape[2] == 1:  # a world that has travelled
+            bank["lights"] = filtered(bank["lights"][:, :, 0].movedim(1, -1))
+        halved = int(described.get("halved", 0))
         self._tiles, self._atlases = (
-            Bank({part: bank[f"{name}.{part}"] for part in ("flat", "mean")}, side, levels, device)
+            Bank({part: bank[f"{name}.{part}"] for part in ("flat", "mean")}, side >> halved, levels - halved, device)
             for name, side, levels in (("tiles", TILE, LEVELS), ("atlases", ATLAS, ATLAS_LEVELS))
         )
         self._chances, self._palettes, self._lights = (bank[name].to(device) for name in ("chances", "palettes", "lights"))

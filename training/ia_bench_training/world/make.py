@@ -27,7 +27,7 @@ from ia_bench_training.palettes import palette
 from ia_bench_training.pool import share_out
 from ia_bench_training.real_sources import open_files
 from ia_bench_training.world import banks, views
-from ia_bench_training.world.layout import ATLAS, ATLAS_LEVELS, BANKS, KINDS, LEVELS, TILE, VIEWS, WORLD
+from ia_bench_training.world.layout import ATLAS, ATLAS_LEVELS, BANKS, KINDS, LEVELS, TILE, VIEWS, WORLD, filtered
 
 USAGE = """\
 python -m ia_bench_training.world.make out=FOLDER [real=results/real] [KEY=VALUE ...]
@@ -115,7 +115,7 @@ def _banks(request: WorldRequest, meshes: Sequence[Path], progress: Progress) ->
     return {
         **{f"{name}.{part}": values for name, parts in stored.items() for part, values in parts.items()},
         "chances": torch.from_numpy(chances).float(),
-        "lights": torch.cat([banks.filtered(lights[k : k + 32]) for k in range(0, len(lights), 32)]),
+        "lights": filtered(torch.stack(lights)),
         "palettes": torch.from_numpy(np.stack([palette(_stream(request, _PALETTE, k), 6) for k in range(PALETTES)])).float(),
         "real": torch.tensor([real_tiles, real_lights]),
     }

@@ -14,6 +14,7 @@ from torch.nn import functional as F
 
 from ia_bench.light.latlong import direction_to_texel, row_solid_angles, texel_centres
 from ia_bench.material.brdf import F0, dot, normalize
+from ia_bench_training.dataset import drawn_by
 from ia_bench_training.lights import HEIGHT, WIDTH
 from ia_bench_training.world.layout import DIRECTIONS, LOBES, Bank, directions
 
@@ -25,7 +26,7 @@ class Dice:
     """Random tensors of one generator, on its device."""
 
     def __init__(self, generator: torch.Generator) -> None:
-        self._at = {"generator": generator, "device": generator.device}
+        self._generator, self._at = generator, drawn_by(generator)
 
     def uniform(self, low: float, high: float, *shape: int) -> Tensor:
         """Uniform between ``low`` and ``high``."""
@@ -45,7 +46,7 @@ class Dice:
 
     def weighted(self, chances: Tensor, count: int) -> Tensor:
         """``count`` numbers below len(chances)."""
-        return torch.multinomial(chances, count, replacement=True, generator=self._at["generator"])
+        return torch.multinomial(chances, count, replacement=True, generator=self._generator)
 
 
 # ---------------------------------------------------------------- materials
@@ -64,7 +65,7 @@ def draw_materials(dice: Dice, images: int, tiles: Bank, chances: Tensor, palett
     scale = torch.exp(dice.uniform(-1.6, 0.5, count))
     mean = tiles.mean[which]
     colours = palettes[dice.integers(0, len(palettes), images)].repeat_interleave(SLOTS, 0)  # one palette an object
-    order = torch.rand(count, colours.shape[1], generator=dice._at["generator"], device=turn.device).argsort(1)[:, :3]
+    order = dice.uniform(0, 1, count, colours.shape[1]).argsort(1)[:, :3]
     band = torch.stack([dice.uniform(0.05, 0.3, count), dice.uniform(0.3, 0.6, count), dice.uniform(0.6, 1, count)], -1)
     free = band.gather(1, dice.weighted(chances.new_tensor([0.25, 0.45, 0.3]), count)[:, None])[:, 0]
     own = mean[:, 3] + dice.normal(0.1, count)

@@ -1,0 +1,77 @@
+"""``python -m ia_bench_training.world.travel``: a smaller world, for a machine to which little can be carried."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from ia_bench.common.arguments import read_arguments
+from ia_bench.common.exit_codes import OK, command
+from ia_bench.common.paths import make_writable
+from ia_bench.common.ranges import Number
+from ia_bench_training.world.layout import ATLAS, ATLAS_LEVELS, BANKS, KINDS, LEVELS, TILE, WORLD
+
+USAGE = """\
+python -m ia_bench_training.world.travel world=FOLDER out=FOLDER [files=3] [every=3] [lights=60]
+
+Keeps at most so many files of views of each kind, one texture in so many, in half their size, and so many procedural lights
+beside the photographed ones, unfiltered. `tar cJ` of it takes some 45 MB.
+"""
+
+
+@dataclass(frozen=True)
+class TravelRequest:
+    """USAGE says what each setting is."""
+
+    world: Path
+    out: Path
+    files: Number = 3
+    every: Number = 3
+    lights: Number = 60
+
+
+def reduce(request: TravelRequest) -> None:
+    """Write the smaller world."""
+    make_writable(request.out, "out")
+    for kind in KINDS:
+        for path in sorted(request.world.glob(f"views_{kind}_*.safetensors"))[: request.files]:
+            (request.out / path.name).write_bytes(path.read_bytes())
+    described, bank = json.loads((request.world / WORLD).read_text()), load_file(request.world / BANKS)
+    real, photographed = bank["real"].tolist()
+    kept = torch.cat([torch.arange(0, real, request.every), torch.arange(real, len(bank["tiles.mean"]), request.every)])
+    bank["tiles.flat"] = _halved(bank["tiles.flat"], len(bank["tiles.mean"]), TILE, LEVELS, kept)
+    worn = torch.arange(len(bank["atlases.mean"]))
+    bank["atlases.flat"] = _halved(bank["atlases.flat"], len(worn), ATLAS, ATLAS_LEVELS, worn)
+    bank["tiles.mean"], bank["chances"] = bank["tiles.mean"][kept], bank["chances"][: real : request.every]
+    bank["real"] = torch.tensor([len(bank["chances"]), photographed])
+    bank["lights"] = bank["lights"][: photographed + request.lights, :, :1]
+    save_file({name: values.contiguous() for name, values in bank.items()}, request.out / BANKS)
+    (request.out / WORLD).write_text(json.dumps(described | {"halved": 1}))
+
+
+def _halved(flat: Tensor, count: int, side: int, levels: int, kept: Tensor) -> Tensor:
+    """Textures without their largest version, of which these numbers (K,) are ``kept``."""
+    sizes = [(side >> level) ** 2 for level in range(levels)]
+    parts = flat.split([count * size for size in sizes])[1:]
+    return torch.cat([part.unflatten(0, (count, -1))[kept].flatten(0, 1) for part in parts])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    return command(lambda: USAGE, _reduce, arguments)
+
+
+def _reduce(arguments: Sequence[str]) -> int:
+    reduce(read_arguments(TravelRequest, arguments))
+    return OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())
