@@ -38,8 +38,8 @@ from ia_bench_training.world.views import load_mesh
 USAGE = """\
 python -m ia_bench_training.world.held_out out=FOLDER [real=results/real] [size=64] [samples=256]
 
-Photographs every held-out real object of datasets/real/sources.toml under each held-out light, once, into one shard (kept if it is there), as
-python -m ia_bench_training.single_view and validation=FOLDER of training take it.
+Photographs every held-out real object of datasets/real/sources.toml under each held-out light, once, into one shard, as
+python -m ia_bench_training.single_view and validation=FOLDER of training take it. A shard that is there is kept.
 """
 SEED = 2**31  # of the shard: no training set has it
 POINTS, BOUNCES, ATLAS = 2, 2, 64

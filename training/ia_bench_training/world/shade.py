@@ -15,7 +15,7 @@ from torch.nn import functional as F
 from ia_bench.light.latlong import direction_to_texel, row_solid_angles, texel_centres
 from ia_bench.material.brdf import F0, dot, normalize
 from ia_bench_training.dataset import drawn_by
-from ia_bench_training.lights import HEIGHT, WIDTH
+from ia_bench_training.lights import CAST_SHARES, CASTS, HEIGHT, WIDTH
 from ia_bench_training.world.layout import DIRECTIONS, LOBES, Bank, directions
 
 SLOTS = 6  # materials of an object at most
@@ -122,8 +122,8 @@ def draw_lights(dice: Dice, images: int, bank: Tensor, real: int, share: float) 
     if real and share:
         which = torch.where(dice.chance(share, count), dice.integers(0, real, count), which)
     part = dice.uniform(0.3, 0.7, images) * dice.chance(0.3, images)
-    tint = torch.where(dice.chance(0.3, count, 1), dice.normal(0.3, count, 3), dice.normal(0.06, count, 3)).exp()
-    tint = tint * torch.stack([1 - part, part], -1).reshape(-1, 1)
+    spread = bank.new_tensor(CASTS, dtype=torch.float32)[dice.weighted(bank.new_tensor(CAST_SHARES, dtype=torch.float32), count)]
+    tint = (dice.normal(1, count, 3) * spread[:, None]).exp() * torch.stack([1 - part, part], -1).reshape(-1, 1)
     turn = dice.integers(0, WIDTH, count).tolist()
     mixed = []
     for image in range(images):
