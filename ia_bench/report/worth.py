@@ -109,8 +109,8 @@ class Gain:
 
     @property
     def p_value(self) -> float | None:
-        """Of the paired t-test over scenes; None for a single scene."""
-        return self.pairs.p_value if len(self.pairs.pairs) > 1 else None
+        """Of the paired t-test over scenes, or over seeds where there is one scene; None where nothing was repeated."""
+        return self.pairs.p_value
 
     @property
     def text(self) -> str:
@@ -130,7 +130,7 @@ class Gain:
         text, width = self.metric.text, self.over_scenes.half_width
         known = [
             f"{row}: {self.text}{' dB' if self.metric.label == 'PSNR' else ''} over {over}, which has {text(self.beside)}",
-            f"{self.outcome}{', decided alone' if self.alone else '' if self.bootstrap else ', since there is one scene'}",
+            f"{self.outcome}{', decided alone' if self.alone else ''}",
             self.p_value is not None and f"p = {p_text(self.p_value)}",
             f"scenes: {len(self.pairs.pairs)}, pairs of runs: {self.pairs.count}",
             self.pairs.signs and f"above zero in {signs_text(self.pairs)}",
