@@ -9,7 +9,7 @@ import numpy as np
 
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.hull import centre_of
+from ia_bench.geometry.hull import where_they_meet
 from ia_bench.scenes.scene import View
 from ia_bench.scenes.turning import TurningLight, Vector
 
@@ -32,7 +32,8 @@ def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callab
         axis = np.array(settings.turntable_axis)
         if not axis.any():
             raise InputError("capture.turntable_axis: expected a direction, found [0, 0, 0]")
-        return TurningLight(start, _vector(axis / np.linalg.norm(axis)), _vector(centre_of(views)))
+        middle = where_they_meet(poses[:, :3, 3], poses[:, :3, 2])  # of cameras around an axis, their own axes meet on it
+        return TurningLight(start, _vector(axis / np.linalg.norm(axis)), _vector(middle))
     circles = fitted_circles(poses)
     told = f"{100 * circles.residual:.1f} % of their mean radius off (root mean square)"
     if circles.residual > OFF or len(views) < ENOUGH:

@@ -107,6 +107,11 @@ def centre_of(views: Sequence[View]) -> np.ndarray:
         direction = view.camera.rays(column, row)
         origins.append(view.camera.position)
         directions.append(direction / np.linalg.norm(direction))
+    return where_they_meet(np.stack(origins), np.stack(directions))
+
+
+def where_they_meet(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """The point (3,) that is nearest, by least squares, to rays from ``origins`` (N, 3) along unit ``directions`` (N, 3)."""
     across = np.eye(3) - np.einsum("ni,nj->nij", directions, directions)  # takes the part along a ray away
     point: np.ndarray = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, origins), rcond=None)[0]
     return point

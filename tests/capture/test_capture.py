@@ -14,6 +14,7 @@ from ia_bench.capture.radiometry import eight_bits, photographed
 from ia_bench.capture.settings import CaptureSettings, SdfSettings, shipped
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.scene import Scene, View, farthest_first
+from ia_bench.scenes.turning import TurningLight
 
 
 @pytest.fixture(autouse=True)
@@ -207,3 +208,15 @@ def test_labels_of_a_named_choice_tell_what_differs_from_it() -> None:
     assert phone.label == "phone"
     assert replace(phone, views=8, geometry="hull", jpeg="none").label == "phone, 8 views, no jpeg, hull"
     assert replace(phone, name="mine", views=1).label.startswith("mine, 1 view, LDR")
+
+
+def test_a_turning_light_is_captured_and_recorded(tiny: Scene) -> None:
+    settings = CaptureSettings(light="turntable", turntable_axis=(0.0, 0.0, 1.0), views=4)
+    after = take(tiny, light="turntable", turntable_axis=(0.0, 0.0, 1.0), views=4)
+    told = record(after, settings)["turning"]
+    places = np.stack([view.camera.position for view in after.train])
+    around = np.degrees(np.arctan2(places[:, 1], places[:, 0]))
+    assert np.abs((told["degrees"] - (around - around[0]) + 180) % 360 - 180).max() < 1e-2
+    assert TurningLight.of_record(told) == after.turning
+    assert settings.label == "4 views, light turntable, turntable axis (0.0, 0.0, 1.0)"
+    assert take(tiny).turning is None

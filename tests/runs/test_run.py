@@ -20,6 +20,7 @@ from ia_bench.runs.execute import execute
 from ia_bench.runs.run import problem_of
 from ia_bench.runs.scene import tell
 from ia_bench.scenes.scene import Scene
+from ia_bench.scenes.turning import TurningLight
 
 
 def handed(scene: Scene, needs: frozenset[str]) -> Scene:
@@ -55,6 +56,16 @@ def test_a_method_that_takes_exposures_for_the_same_is_told_of(tiny: Scene, info
     assert [note.startswith("every photograph has an exposure of its own; method=two_stage") for note in notes] == [True] * told
     problem_of(config, tiny, info, note=notes.append, costs=CostTracker())
     assert len(notes) == told
+
+
+def test_a_light_that_turns_is_told_of_a_method_that_does_not_turn_it_and_reaches_the_others(tiny: Scene) -> None:
+    notes: list[str] = []
+    turning = replace(tiny, turning=TurningLight(tuple(map(tuple, tiny.train[0].camera.to_world[:3]))))
+    config = compose(["scene=tiny", "prior=none", "method=two_stage"])
+    for info in (MethodInfo(uses_prior=False), MethodInfo(uses_prior=False, turns_light=True)):
+        handed = problem_of(config, turning, info, note=notes.append, costs=CostTracker()).scene
+        assert handed.turning == turning.turning
+    assert notes == ["the light turns with the camera; method=two_stage takes it for one that stands still"]
 
 
 @pytest.mark.parametrize(("overrides", "expected"), [
