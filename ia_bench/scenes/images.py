@@ -37,6 +37,7 @@ class Images:
         coverage: (H, W) in [0, 1], the share of each pixel that shows the object.
         known: (H, W) bool, False where the image is no more than a lower bound; None where every pixel of a view, or of all
             of them, is known.
+        spread: Half the difference of two independent estimates, of which each image is the mean; None of what has no noise.
 
     Raises:
         ValueError: Counts or shapes disagree, or a coverage leaves [0, 1].
@@ -45,6 +46,7 @@ class Images:
     images: tuple[np.ndarray, ...]
     coverage: tuple[np.ndarray, ...]
     known: tuple[np.ndarray | None, ...] | None = None
+    spread: tuple[np.ndarray, ...] | None = None
 
     def __post_init__(self) -> None:
         """Check counts, shapes and the range of coverage."""
@@ -62,8 +64,20 @@ class Images:
 
     def exposed(self, factors: Sequence[float | None]) -> Images:
         """The images, each times its factor; None leaves one as it is."""
-        pairs = zip(self.images, factors, strict=True)
-        return replace(self, images=tuple(image if factor is None else image * np.float32(factor) for image, factor in pairs))
+
+        def times(images: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+            pairs = zip(images, factors, strict=True)
+            return tuple(image if factor is None else image * np.float32(factor) for image, factor in pairs)
+
+        return replace(self, images=times(self.images), spread=None if self.spread is None else times(self.spread))
+
+    def averaged(self, other: Images) -> Images:
+        """The mean of two estimates of the same views, with their ``spread``; as they are where they are equal."""
+        pairs = list(zip(self.images, other.images, strict=True))
+        if all(np.array_equal(one, two, equal_nan=True) for one, two in pairs):
+            return self
+        means = tuple((one + two) / 2 for one, two in pairs)
+        return replace(self, images=means, spread=tuple((one - two) / 2 for one, two in pairs))
 
     def __len__(self) -> int:
         """Return the number of views."""

@@ -58,6 +58,7 @@ class Pair:
         mask: (H, W), True where scored: where the object is, and the truth known.
         known: (H, W), True where the truth is known.
         coverage: (H, W) each, of prediction and truth. What the prediction does not cover counts as black.
+        spread: Half the difference of two estimates of the prediction, linear (H, W, 3); None of what has no noise.
     """
 
     predicted: np.ndarray
@@ -65,6 +66,7 @@ class Pair:
     mask: np.ndarray
     known: np.ndarray
     coverage: tuple[np.ndarray, np.ndarray]
+    spread: np.ndarray | None = None
 
 
 def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> list[Pair]:
@@ -86,7 +88,9 @@ def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> 
         if not np.isfinite(truth[mask]).all():
             raise ValueError(f"{what}, view {index}: the ground truth is not finite")
         guess = straight(ours, predicted.coverage[index]).astype(np.float64)
-        result.append(Pair(guess, truth, mask, known, (predicted.coverage[index], true.coverage[index])))
+        half = None if predicted.spread is None else predicted.spread[index]
+        spread = None if half is None else straight(half, predicted.coverage[index]).astype(np.float64)
+        result.append(Pair(guess, truth, mask, known, (predicted.coverage[index], true.coverage[index]), spread))
     return result
 
 
@@ -156,7 +160,7 @@ def of_object(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
     """Compare two pictures of the object alone, under any protocol."""
     _expect_finite(view, view.mask)
     pair, clipped = _encoded(view, encoding)
-    return Compared.of_object(*pair, view.mask, protocol, clipped)
+    return Compared.of_object(*pair, view.mask, protocol, clipped, _spread(view, encoding))
 
 
 def linear_pictures(view: Pair, protocol: Protocol) -> Compared:
@@ -179,8 +183,8 @@ def over_white(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
     _expect_finite(view, view.mask, everywhere=True)
     (predicted, true), clipped = _encoded(view, encoding)
     own, other = (coverage[..., None].clip(0, 1) for coverage in view.coverage)
-    pair = own * predicted + (1 - own), other * true + (1 - other)
-    return Compared(*pair, view.known, protocol, whole=True, clipped=clipped)
+    pair, spread = (own * predicted + (1 - own), other * true + (1 - other)), _spread(view, encoding)
+    return Compared(*pair, view.known, protocol, whole=True, clipped=clipped, spread=None if spread is None else own * spread)
 
 
 def roughness(view: Pair, protocol: Protocol) -> Compared:
@@ -217,6 +221,15 @@ def _encoded(
     parts = view.predicted * scale * gain, view.true * gain
     (predicted, of_predicted), (true, of_true) = (encode(values, encoding, view.mask, largest) for values in parts)
     return (predicted, true), (of_predicted, of_true)
+
+
+def _spread(view: Pair, encoding: Encoding) -> np.ndarray | None:
+    """Half the difference of both estimates as they are compared, encoded and clipped; None of what has no noise."""
+    if view.spread is None:
+        return None
+    one, two = (encode(view.predicted + sign * view.spread, encoding, view.mask)[0] for sign in (1, -1))
+    half: np.ndarray = (one - two) / 2
+    return half
 
 
 def encode(linear: np.ndarray, encoding: Encoding, inside: np.ndarray, largest: float = 1.0) -> tuple[np.ndarray, int]:

@@ -30,6 +30,7 @@ from ia_bench.scores.metrics import (
     Metric,
     NoScoredPixel,
     Undefined,
+    without_noise,
 )
 from ia_bench.scores.protocol import Encoding, Protocol
 
@@ -93,6 +94,7 @@ class Scores:
 
         seen = [view for group in groups.values() for view in group]
         everything = [one for group in measured.values() for one in group]
+        spread = any(view.spread is not None for view in seen)
         empty = [all(isinstance(value, NoScoredPixel) for value in found.values()) for found, _ in everything]
         self.counts[component] = {
             "views": len(seen),
@@ -101,6 +103,7 @@ class Scores:
             "uncovered_pixels": sum(int((view.mask & (view.coverage[0] == 0)).sum()) for view in seen),
             "clipped_prediction": sum(clipped[0] for _, clipped in everything),
             "clipped_truth": sum(clipped[1] for _, clipped in everything),
+            **({"at_noise_floor": sum(clipped[2] for _, clipped in everything)} if spread else {}),
         }
 
     def as_dict(self) -> dict[str, Any]:
@@ -289,16 +292,19 @@ def finite_or_none(tree: object) -> object:
 
 def _measured(
     view: Pair, compare: Callable[[Pair], Compared], metrics: Sequence[Metric]
-) -> tuple[dict[str, Value], tuple[int, int]]:
-    """The value of every metric by its name, or why there is none; and how many values were clipped in prediction and truth."""
+) -> tuple[dict[str, Value], tuple[int, int, bool]]:
+    """The value of every metric by its name, or why there is none; and what is counted.
+
+    That is how many values were clipped in prediction and truth, and whether the error is below its noise.
+    """
     try:
         compared = compare(view)
     except Undefined as reason:
-        return dict.fromkeys((metric.name for metric in metrics), reason), (0, 0)
+        return dict.fromkeys((metric.name for metric in metrics), reason), (0, 0, False)
     values: dict[str, Value] = {}
     for metric in metrics:
         try:
             values[metric.name] = metric.of(compared)
         except Undefined as reason:
             values[metric.name] = reason
-    return values, compared.clipped
+    return values, (*compared.clipped, compared.spread is not None and without_noise(compared)[1])

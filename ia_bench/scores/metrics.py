@@ -24,6 +24,7 @@ from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scores.protocol import LpipsSettings, Protocol, SsimSettings
 
 C1, C2 = 0.01**2, 0.03**2  # of SSIM, for a data range of 1
+LEAST = 0.1  # of the noise that stays as an error: with less, chance would decide
 
 
 class Undefined(Exception):
@@ -51,6 +52,8 @@ class Compared:
             that reach over its edge find the same there.
         grey: The picture whose PSNR is the least that counts, None for no such floor.
         clipped: How many values of scored pixels were clipped, in prediction and truth.
+        spread: Half the difference of two estimates of the prediction, (H, W, 3), as it is compared; None of what has no noise. The
+            mean of its square is the noise's part of the squared error, without bias.
         parts: Of the squared error, by their names (:mod:`ia_bench.scores.error_split`); nothing where it is not split.
     """
 
@@ -61,6 +64,7 @@ class Compared:
     whole: bool = False
     grey: np.ndarray | None = None
     clipped: tuple[int, int] = (0, 0)
+    spread: np.ndarray | None = None
     parts: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
@@ -71,10 +75,13 @@ class Compared:
         mask: np.ndarray,
         protocol: Protocol | None = None,
         clipped: tuple[int, int] = (0, 0),
+        spread: np.ndarray | None = None,
     ) -> Compared:
         """Compare the pixels of ``mask`` (H, W) alone: everything else is painted white in both pictures (H, W, 3)."""
         inside = mask[..., None]
-        return cls(np.where(inside, predicted, 1.0), np.where(inside, true, 1.0), mask, protocol or Protocol(), clipped=clipped)
+        pair = np.where(inside, predicted, 1.0), np.where(inside, true, 1.0)
+        spread = None if spread is None else np.where(inside, spread, 0.0)
+        return cls(*pair, mask, protocol or Protocol(), clipped=clipped, spread=spread)
 
 
 def squared_error(pair: Compared) -> float:
@@ -90,15 +97,27 @@ def root_squared_error(pair: Compared) -> float:
 def psnr(pair: Compared) -> float:
     """Peak signal-to-noise ratio -10 log10(MSE) in dB, peak 1; +inf for pictures that are identical in the area.
 
-    It is no less than that of ``pair.grey``, where the protocol has such a floor. Raises NoScoredPixel on an empty area.
+    It is no less than that of ``pair.grey``, where the protocol has such a floor. Where the prediction has a ``spread``, the noise
+    is subtracted from the error, of which at least LEAST of the noise is left. Raises NoScoredPixel on an empty area.
     """
-    errors = [_squared_error(shown, pair.true, pair.area) for shown in (pair.predicted, pair.grey) if shown is not None]
+    errors = [without_noise(pair)[0]]
+    if pair.grey is not None:
+        errors.append(_squared_error(pair.grey, pair.true, pair.area))
     return float("inf") if min(errors) == 0 else -10.0 * float(np.log10(min(errors)))
 
 
 def part_of_error(pair: Compared, name: str) -> float:
     """One of PARTS, a mean over the area's pixels and channels, times 1000; "total" is their sum."""
     return 1000 * (sum(pair.parts.values()) if name == "total" else pair.parts[name])
+
+
+def without_noise(pair: Compared) -> tuple[float, bool]:
+    """The squared error less the part of the noise, an unbiased estimate, and whether it had to be cut at LEAST of the noise."""
+    error = squared_error(pair)
+    if pair.spread is None:
+        return error, False
+    noise = float(np.square(pair.spread[pair.area]).mean())
+    return max(error - noise, LEAST * noise), error - noise < LEAST * noise
 
 
 def ssim(pair: Compared) -> float:
@@ -117,11 +136,12 @@ def ssim(pair: Compared) -> float:
         raise Undefined(f"image of {width} x {height} pixels is smaller than the window of {settings.window}")
     if pair.whole:
         border = settings.window // 2 if settings.border == "valid" else 0
-        found = _similarity(pair.predicted, pair.true, settings)
+        found = _similarity(pair.predicted, pair.true, pair.spread, settings)
         return float(found[border : height - border, border : width - border].mean())
     reach, places = settings.window, np.nonzero(pair.area)  # no window of a scored pixel looks farther
     seen = tuple(slice(max(int(at.min()) - reach, 0), int(at.max()) + reach + 1) for at in places)
-    return float(_similarity(pair.predicted[seen], pair.true[seen], settings)[pair.area[seen]].mean())
+    spread = None if pair.spread is None else pair.spread[seen]
+    return float(_similarity(pair.predicted[seen], pair.true[seen], spread, settings)[pair.area[seen]].mean())
 
 
 def _squared_error(predicted: np.ndarray, true: np.ndarray, area: np.ndarray) -> float:
@@ -130,16 +150,18 @@ def _squared_error(predicted: np.ndarray, true: np.ndarray, area: np.ndarray) ->
     return float(np.square(predicted[area].astype(np.float64) - true[area].astype(np.float64)).mean())
 
 
-def _similarity(predicted: np.ndarray, true: np.ndarray, settings: SsimSettings) -> np.ndarray:
-    """The SSIM map (H, W, 3) of two images (H, W, 3), which are mirrored at their borders."""
+def _similarity(predicted: np.ndarray, true: np.ndarray, spread: np.ndarray | None, settings: SsimSettings) -> np.ndarray:
+    """The SSIM map (H, W, 3) of two images (H, W, 3), which are mirrored at their borders; less the variance of a ``spread``."""
     from scipy.ndimage import gaussian_filter  # only the scores of a whole run need it
 
     x, y = (image.astype(np.float64) for image in (predicted, true))
     reach = settings.window // 2
     blur = partial(gaussian_filter, sigma=(0, settings.sigma, settings.sigma, 0), radius=(0, reach, reach, 0))
-    mean_x, mean_y, xx, yy, xy = blur(np.stack([x, y, x * x, y * y, x * y]))
+    noise = 0.0 if spread is None else np.square(spread)
+    mean_x, mean_y, xx, yy, xy = blur(np.stack([x, y, x * x - noise, y * y, x * y]))
     luminance = (2 * mean_x * mean_y + C1) / (mean_x**2 + mean_y**2 + C1)
-    structure = (2 * (xy - mean_x * mean_y) + C2) / (xx - mean_x**2 + yy - mean_y**2 + C2)
+    variances = xx - mean_x**2 + yy - mean_y**2
+    structure = (2 * (xy - mean_x * mean_y) + C2) / ((variances if spread is None else variances.clip(0)) + C2)
     return luminance * structure
 
 

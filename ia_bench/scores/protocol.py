@@ -33,6 +33,10 @@ WHOLE_IMAGE_RULES = {
 """What :meth:`Protocol.describe` says where whole images are compared."""
 
 
+NOISE_RULE = "pictures are means of two halves of the samples; half their difference, squared, is subtracted in PSNR and SSIM"
+"""What it says where the noise of renders is subtracted."""
+
+
 @dataclass(frozen=True)
 class SsimSettings:
     """Structural similarity (Wang et al. 2004) as scikit-image computes it, with a Gaussian window.
@@ -114,6 +118,8 @@ class Protocol:
     Attributes:
         name: Put before everything else in the label.
         version: Of the definitions in this package, the only ones that this code computes; raised whenever one changes a number.
+        noise: What is done about the noise of renders. Its variance is part of the error ("kept"); or every picture is the mean of
+            two independent ones of half the samples, by whose difference the variance is subtracted ("subtracted").
         albedo_encoding: What albedo is compared in, after clipping to [0, 1].
         radiance_encoding: The same for rendered images.
         alignment: How the one free scale of an albedo is fixed, always in linear values and over the whole test set.
@@ -127,7 +133,8 @@ class Protocol:
     """
 
     name: str = "paper-v2"
-    version: Literal[2] = 2
+    version: Literal[2, 3] = 2
+    noise: Literal["kept", "subtracted"] = "kept"
     albedo_encoding: Encoding = "srgb"
     radiance_encoding: Encoding = "srgb"
     alignment: AlignmentName = "mean_rgb"
@@ -143,7 +150,9 @@ class Protocol:
     comparison: ComparisonSettings = field(default_factory=ComparisonSettings)
 
     def __post_init__(self) -> None:
-        """Raise InputError for a border of whole images where the object is compared."""
+        """Raise InputError for a border of whole images where the object is compared, and for what whole images cannot be."""
+        if self.noise == "subtracted" and self.comparison.area == "image":
+            raise InputError("protocol.noise=subtracted: expected comparison.area=object, found image")
         if self.ssim.border == "valid" and self.comparison.area == "object":
             raise InputError("protocol.ssim.border=valid: expected comparison.area=image, found object")
 
@@ -162,8 +171,10 @@ class Protocol:
     def describe(self) -> dict[str, Any]:
         """Everything that decides the numbers, settings and fixed rules alike, for storing beside them (JSON types)."""
         ssim = {name: value for name, value in asdict(self.ssim).items() if value != getattr(SsimSettings, name) or name == "sigma"}
-        known = {name: value for name, value in asdict(self).items() if name != "comparison"}
+        known = {name: value for name, value in asdict(self).items() if name not in ("comparison", "noise")}
         rules = {} if self.comparison.area == "object" else WHOLE_IMAGE_RULES
+        if self.noise == "subtracted":
+            rules = {"noise": NOISE_RULE, **rules}
         if self.comparison != ComparisonSettings():
             known["comparison"] = asdict(self.comparison)
         return {

@@ -140,7 +140,8 @@ class Scorer:
         """
         samples, renderer = self._protocol.samples_per_pixel, reconstruction.renderer
         truth, exported = self._truth(1), self._exported(reconstruction)
-        views = sum(len(of) for of in (truth.albedo, truth.view_synthesis, *(truth.relighting or {}).values()) if of is not None)
+        renders = sum(len(of) for of in (truth.view_synthesis, *(truth.relighting or {}).values()) if of is not None)
+        views = (2 if self._protocol.noise == "subtracted" else 1) * renders + len(truth.albedo or ())
         task = begin("scores", max(views, 1) * (2 if exported is None else 3))
         own = self._predict(reconstruction, truth, 1, samples, task.advance)
         redrawn = None if exported is None else self._predict(exported, _without_light(truth), 1, samples, task.advance)
@@ -218,33 +219,41 @@ class Scorer:
         """The pictures that ``truth`` is compared with, None for what the reconstruction cannot give; ``drawn`` is told of each."""
         protocol, brought = self._protocol, reconstruction.renderer == BROUGHT
         wanted = [name for name in MAPS if getattr(truth, name) is not None]
-        quality = Quality(protocol.render_points, samples, protocol.seed)
+        halves = 2 if protocol.noise == "subtracted" and not brought else 1
         cameras = [view.camera for view in self._scene.test[::stride]]
         maps = reconstruction.maps(cameras, wanted, points=protocol.map_points) if wanted else {}
         albedo, roughness = (maps.get(name) for name in MAPS)
         drawn(0 if truth.albedo is None else len(truth.albedo))
 
-        def rendered(light: str, scale: torch.Tensor | None) -> Images | None:
-            views = self._novel[light][::stride]
-            cameras = [view.camera for view in views]
-            images = reconstruction.render(cameras, light=self._lights.get(light), albedo_scale=scale, quality=quality)
+        def rendered(light: str, half: int) -> Images | None:
+            views, quality = (
+                self._novel[light][::stride],
+                Quality(protocol.render_points, samples // halves, halves * protocol.seed + half),
+            )
+            cameras, given = [view.camera for view in views], self._lights.get(light)
+            images = reconstruction.render(cameras, light=given, albedo_scale=asked[light], quality=quality)
             drawn(len(views))
             return images if images is None or brought else images.exposed([view.exposure for view in views])
 
-        view_synthesis = rendered("train", None) if truth.view_synthesis is not None else None
-        relighting, scale = None, None
+        asked: dict[str, torch.Tensor | None] = {} if truth.view_synthesis is None else {"train": None}
+        scale = None
         if protocol.alignment == "none" or brought:
             scale = np.ones(3)  # what is not aligned, or cannot be any more, needs no truth to be relit
         elif albedo is not None and truth.albedo is not None:
             scale = albedo_scale(albedo, truth.albedo, protocol)
         if truth.relighting and scale is not None:
-            factors = torch.from_numpy(scale).float().to(self._device)
-            relit = {name: rendered(name, factors) for name in truth.relighting}
-            relighting = {name: images for name, images in relit.items() if images is not None} or None
+            asked |= dict.fromkeys(truth.relighting, torch.from_numpy(scale).float().to(self._device))
+        pictures = {name: images for name in asked if (images := rendered(name, 0)) is not None}
+        for name in pictures if halves == 2 else ():  # one half after the other, for lights share what a half's rays meet
+            other = rendered(name, 1)
+            pictures[name] = both = pictures[name] if other is None else pictures[name].averaged(other)
+            if both.spread is None:
+                break  # nothing is random in this renderer
+        view_synthesis = pictures.pop("train", None)
         own = reconstruction.environment
         light = _pictures_of(own, ball_pictures) if truth.light is not None else None
         log_light = _pictures_of(own, log_radiance) if truth.log_light is not None else None
-        return Predictions(albedo, roughness, view_synthesis, relighting, light, log_light)
+        return Predictions(albedo, roughness, view_synthesis, pictures or None, light, log_light)
 
     def _exported(self, reconstruction: Reconstruction) -> TexturedReconstruction | None:
         """The textures and the light of a method with another renderer than the reference; None where there are none."""
