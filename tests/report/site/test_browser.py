@@ -226,9 +226,9 @@ def test_undecided_cells_are_hatched_and_a_click_opens_the_numbers(ways: Any) ->
 def test_another_metric_is_shown_and_a_cell_says_what_it_is_made_of(ways: Any) -> None:
     shown = ways.locator("#worth .worth:not([data-away])")
     assert shown.count() == 1
-    ways.locator("#worth-metrics").get_by_role("button", name="Roughness MSE").click()
+    ways.locator("#worth-metrics").get_by_role("button", name="Roughness MSE", exact=True).click()
     assert shown.get_attribute("data-key") == "roughness.mse"
-    ways.locator("#worth-metrics").get_by_role("button", name="Relighting PSNR").click()
+    ways.locator("#worth-metrics").get_by_role("button", name="Relighting PSNR", exact=True).click()
     assert [text.split("\n")[0] for text in shown.locator(".gain").all_inner_texts()] == ["+0.05", "+3.05"]
     shown.locator(".gain").nth(1).hover()
     assert "kernel, 2 views: +3.05 dB over none, 2 views, which has 20.00" in ways.locator("#tip").inner_text()
