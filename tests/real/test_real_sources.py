@@ -82,6 +82,8 @@ def test_a_world_refuses_what_results_are_measured_on(real_data: Path) -> None:
     closed = {real_data / name for kind in ("scans", "held_out") for name in closed_set(kind)}
     assert closed.isdisjoint(_meshes(real_data))
     lights = [path for path in closed if path.suffix == ".hdr"] + sorted((real_data / "lights/also_in_pmndrs_assets").iterdir())
-    for path in lights:
+    shipped = sorted((LISTS.parent / "scenes").glob("*/lights/*")) + sorted((LISTS.parent / "lights").glob("*.exr"))
+    assert shipped
+    for path in lights + shipped:
         with pytest.raises(InputError, match="open to training, found a file that is not"):
             banks.photographed(path, np.random.default_rng(0))

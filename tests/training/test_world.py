@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -115,3 +117,10 @@ def test_a_world_is_not_changed_under_a_training(world, tmp_path):
         WorldImages(tmp_path, Mixture())
     with pytest.raises(InputError, match="expected the folder of `make real-data`"):
         _meshes(tmp_path)
+
+
+def test_training_needs_no_renderer():
+    """A machine that trains on a world that has travelled has PyTorch, and none of these (training/on_gpu.sh)."""
+    absent = ["warp", "embreex", "hydra", "omegaconf", "trimesh", "xatlas", "OpenEXR", "scipy", "skimage"]
+    code = f"import sys; sys.modules.update(dict.fromkeys({absent})); import ia_bench_training.train, ia_bench_training.loop"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -124,12 +124,11 @@ def draw_lights(dice: Dice, images: int, bank: Tensor, real: int, share: float) 
     part = dice.uniform(0.3, 0.7, images) * dice.chance(0.3, images)
     spread = bank.new_tensor(CASTS, dtype=torch.float32)[dice.weighted(bank.new_tensor(CAST_SHARES, dtype=torch.float32), count)]
     tint = (dice.normal(1, count, 3) * spread[:, None]).exp() * torch.stack([1 - part, part], -1).reshape(-1, 1)
-    turn = dice.integers(0, WIDTH, count).tolist()
-    mixed = []
+    turn, picked, second, mixed = dice.integers(0, WIDTH, count).tolist(), which.tolist(), part.tolist(), []
     for image in range(images):
         total = torch.zeros((), device=bank.device)
-        for k in (2 * image, 2 * image + 1) if part[image] else (2 * image,):
-            total = total + torch.roll(bank[which[k]].float(), turn[k], -1) * tint[k][:, None, None, None]
+        for k in (2 * image, 2 * image + 1) if second[image] else (2 * image,):
+            total = total + torch.roll(bank[picked[k]].float(), turn[k], -1) * tint[k][:, None, None, None]
         mixed.append(total)
     return torch.stack(mixed)
 
