@@ -107,7 +107,7 @@ prior: setup ## train a prior on real and procedural things, after real-data; re
 	$(PY) -m ia_bench_training.world.make out=$(TRAIN)/world
 	$(PY) -m ia_bench_training.world.held_out out=$(TRAIN)/held_out
 	$(PY) -m ia_bench_training.train data=$(TRAIN)/world validation=$(TRAIN)/held_out out=$(TRAIN)/$(NETWORK) \
-		network.kind=$(NETWORK) init=ia_bench/priors/weights/$(NETWORK) rate=2.5e-4 muon_rate=0.01 'scenes=[tiny]' validation_images=92 \
+		network.kind=$(NETWORK) init=ia_bench/priors/weights/$(NETWORK) rate=1.5e-4 muon_rate=0.005 'scenes=[tiny]' validation_images=92 \
 		compile=false threads=1 $(ARGS)
 
 # Blender as a module pins an older numpy, hence an environment of its own.
