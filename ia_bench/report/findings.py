@@ -12,7 +12,7 @@ import pandas as pd
 from ia_bench.common.settings import flat
 from ia_bench.report.blocks import Block, block
 from ia_bench.report.collect import NOT_SCORED, Collection, Runs, finished, name_of, reason_of, setup_of
-from ia_bench.report.seconds import Timing, seconds_table, timing
+from ia_bench.report.seconds import WORTH_METRICS, Compared, Timing, compared, seconds_table, timing
 from ia_bench.report.statistics import Estimate, Paired, Verdict, judge, means, paired, side_by_side
 from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, Printed, counterparts, paper_rows
 from ia_bench.report.worth import Gain, gains
@@ -87,6 +87,11 @@ class Findings:
     def timing(self) -> Timing | None:
         """What rows cost beside their reference; None where nothing is compared, or took no time."""
         return timing(self.runs, self.table, self.reference)
+
+    @cached_property
+    def gained(self) -> dict[str, Compared]:
+        """Row -> what it is beside its reference in the first of WORTH_METRICS, aligned albedo."""
+        return {} if self.timing is None else compared(self.runs, self.timing, WORTH_METRICS[0])
 
     @cached_property
     def timed(self) -> Printed | None:

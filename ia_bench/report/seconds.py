@@ -101,6 +101,11 @@ class Timing:
     clocks: tuple[Clock, ...]
 
     @property
+    def references(self) -> set[str]:
+        """The rows that others are compared with."""
+        return {clock.reference for clock in self.clocks}
+
+    @property
     def told(self) -> str:
         """How seconds were counted and what the reference's curve is, in sentences; what spoils the comparison comes first."""
         clock = max(self.clocks, key=lambda one: len(one.curve))

@@ -163,6 +163,11 @@ class Map:
         return f"{self.metric.title}{' at equal seconds' if self.equal else ''}"
 
     @property
+    def key(self) -> str:
+        """What tells it from other maps."""
+        return f"{self.metric.key}{' at equal seconds' if self.equal else ''}"
+
+    @property
     def largest(self) -> float:
         """The largest mean gain or loss."""
         return max(abs(gain.over_scenes.mean) for *_, some in self.lines for gain in some if gain is not None)
@@ -189,7 +194,7 @@ def gains(runs: Runs, table: Table) -> list[Gain]:
             clock, name = clocks.get(label), crossed_name(row.name, label)
             if clock is not None and name in clock.costs:
                 gain = replace(gain, cost=clock.costs[name], beyond=clock.beyond(name))
-                if name not in clock.curve:
+                if name not in clock.curve and len(clock.curve) > 1:
                     gain = replace(gain, equal=_at_equal_seconds(gain, clock.equal(scores, name, metric), scores[name]))
             found.append(gain)
     found = _judged(found)

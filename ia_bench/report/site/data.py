@@ -18,6 +18,7 @@ from ia_bench.report.blocks import Line
 from ia_bench.report.collect import HASH_DIGITS, TIMES, reason_of, setup_of
 from ia_bench.report.curves import Curve
 from ia_bench.report.findings import Findings
+from ia_bench.report.pareto import points
 from ia_bench.report.table import BOUNDS, HEADLINE, MAIN, measured
 from ia_bench.runs.record import RunRecord
 from ia_bench.runs.table import Row
@@ -48,6 +49,9 @@ MEASURES = {
 }
 """Name of a metric -> how it is measured."""
 COSTS = {
+    "gain": "Aligned albedo PSNR minus that of the row that all are compared with, on the same scenes and seeds",
+    "equal": "Aligned albedo PSNR minus the best that the row that all are compared with has after as many seconds, by more steps, "
+    "more samples or a solved albedo (part Seconds)",
     "seconds": "Baking, prior and fit, without scoring and without the preparation of the scene (its capture, a mesh made for it), "
     "which is the same for every row: mean over scenes and seeds, on the machine that each run names (or as declared)",
     "memory": "The largest resident memory of any of the row's processes",
@@ -104,6 +108,7 @@ def page_data(findings: Findings, title: str, page: Path, live: dict[str, Any] |
         "configurations": configurations,
         "machines": machines,
         "runs": runs,
+        "pareto": [] if findings.timing is None else points(findings.runs, findings.timing),
         **({} if live is None else {"live": live}),
     }
 

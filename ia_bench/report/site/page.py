@@ -21,8 +21,9 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.report.blocks import Block, Line
 from ia_bench.report.collect import Runs
 from ia_bench.report.findings import Findings
+from ia_bench.report.seconds import BEYOND, WORTH_METRICS
 from ia_bench.report.site.data import COSTS, WHY_THE_PAPER_DIFFERS, definition, is_headline, page_data, short, shown
-from ia_bench.report.statistics import HOW_DECIDED, HOW_JUDGED, INTERVALS, Estimate, tally
+from ia_bench.report.statistics import HOW_DECIDED, HOW_JUDGED, INTERVALS, Estimate, Paired, tally
 from ia_bench.report.table import BOUNDS, ORIGINS, OUR_TABLE, claims_table, difference_text, estimate_text
 from ia_bench.report.worth import maps
 from ia_bench.report.write import remove_all_but, write_text
@@ -36,7 +37,7 @@ KEPT = "pictures.zip"  # of a run folder; runs.pictures.packing, which writes it
 VENDORED = ("vendor/uPlot.iife.min.js.gz", "vendor/img-comparison-slider.js")
 STYLES = ("vendor/uPlot.min.css", "vendor/img-comparison-slider.css", "assets/page.css", "assets/parts.css")
 SCRIPTS: tuple[str, ...] = ("common", "tips", "table", "live", "evidence", "parts", "scales", "curves", "heat", "look")
-SCRIPTS += ("relight", "turn", "worth")
+SCRIPTS += ("relight", "turn", "worth", "pareto")
 
 
 @dataclass
@@ -162,10 +163,27 @@ def _content(name: str) -> bytes:
 def scopes(findings: Findings) -> list[tuple[Block, list[tuple[Line, list[Number]]]]]:
     """The mean over scenes, where there are several, then every scene: each with a line of numbers for every row."""
     blocks = [*([findings.overall] if len(findings.scenes) > 1 else []), *findings.blocks]
-    return [(block, [(one, _numbers(one, block, shown(findings))) for one in block.lines]) for block in blocks]
+    return [
+        (block, [(one, _numbers(one, block, shown(findings), _gains(one.row, block, findings))) for one in block.lines])
+        for block in blocks
+    ]
 
 
-def _numbers(one: Line, block: Block, metrics: Sequence[Metric]) -> list[Number]:
+def _gains(row: str, block: Block, findings: Findings) -> list[Number]:
+    """What a row gains over its reference, and at equal seconds; nothing where no row is compared with one."""
+    if findings.timing is None:
+        return []
+    one, metric, numbers = findings.gained.get(row), WORTH_METRICS[0], []
+    for key in ("gain", "equal"):
+        whole = Paired({}) if one is None or row in findings.timing.references else getattr(one, key)
+        pairs = whole if block is findings.overall else whole.of_scene(block.title)
+        text, _, width = difference_text(pairs, metric, block.scenes).partition(" ± ")
+        late = f" {BEYOND}" if key == "equal" and pairs.count and one and one.beyond else ""
+        numbers.append(Number(key, text + late, short(mean.mean if (mean := pairs.over_seeds) else None), width))
+    return numbers
+
+
+def _numbers(one: Line, block: Block, metrics: Sequence[Metric], gains: Sequence[Number]) -> list[Number]:
     ends = {BOUNDS[line.row]: line.values for line in block.lines if line.row in BOUNDS}
     numbers = []
     for metric in metrics:
@@ -179,6 +197,7 @@ def _numbers(one: Line, block: Block, metrics: Sequence[Metric]) -> list[Number]
     seconds, memory = None if one.seconds is None else one.seconds.mean, one.peak_memory_bytes
     return [
         *numbers,
+        *gains,
         Number("seconds", "–" if seconds is None else f"{seconds:.1f}{' (declared)' if one.declared else ''}", short(seconds)),
         Number("memory", "–" if memory is None else f"{memory / 2**20:.0f}", short(memory), headline=False),
         Number("failed", f"{one.failed}/{one.runs}", one.failed),

@@ -116,6 +116,30 @@ def curves(page: Any) -> None:
     page.wait_for_function("bench.plots && bench.plots.plots.length === 5")
 
 
+def test_a_mark_beside_the_pareto_front_tells_its_row_and_leads_to_its_numbers(page: Any) -> None:
+    page.locator("#seconds").scroll_into_view_if_needed()
+    page.wait_for_function("bench.pareto.plot !== null")
+    at = page.evaluate("""() => {
+      const { plot, metric } = bench.pareto, row = bench.data.pareto[0].rows.find((one) => one.row === "grey");
+      const over = plot.over.getBoundingClientRect();
+      return [over.left + plot.valToPos(row.cost, "x"), over.top + plot.valToPos(row.scores[metric.key], "y")];
+    }""")
+    page.mouse.move(*at)
+    told = page.locator(".readout:visible").inner_text().split("\n")
+    assert told == ["grey", "seconds", "1.00 × none", "Aligned albedo PSNR ↑", "25.50"]
+    page.mouse.click(*at)
+    assert page.locator("#evidence-title").inner_text() == "grey"
+
+
+def test_gains_stand_in_the_table_and_sort_by_the_largest(page: Any) -> None:
+    gains = [page.locator("#scope-0 tr[data-row='grey'] td").nth(place).inner_text().split(" ")[0] for place in (-5, -4)]
+    assert gains == ["+4.00", "+4.00"]
+    page.locator("#scope-0 [data-sort='gain']").click()
+    assert rows(page)[0] == "grey"
+    page.locator("#scope-0 tr[data-row='grey'] td").nth(-5).click()
+    assert "Aligned albedo PSNR" in page.locator("#evidence .where").inner_text()
+
+
 def test_one_cursor_for_all_plots_and_its_values_beside_it(page: Any) -> None:
     curves(page)
     over = page.locator(".plot .u-over")

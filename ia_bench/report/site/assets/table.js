@@ -6,6 +6,7 @@
   const panels = bench.all("#table .scope");
   const order = new Map(); // table -> its rows as they came
 
+  bench.gains = { gain: "aligned_albedo.psnr", equal: "aligned_albedo.psnr" }; // columns of differences -> the metric behind them
   bench.scope = () => panels[tabs.findIndex((tab) => tab.getAttribute("aria-selected") === "true")];
 
   const choose = (tab) => {
@@ -39,7 +40,7 @@
     if (!order.has(table)) order.set(table, rowsOf(body));
     bench.all("tr.part", body).forEach((row) => row.remove());
     bench.all(".unfold", body).forEach((button) => button.setAttribute("aria-expanded", false));
-    const up = metric && metric.higher ? -1 : 1; // what is better comes first: fewer seconds, fewer failures, A before B
+    const up = (metric && metric.higher) || key in bench.gains ? -1 : 1; // what is better comes first: fewer seconds, fewer failures, A before B
     const value = (row) => { const text = bench.cellOf(row, key).dataset.v; return key === "row" ? row.dataset.row : text === undefined ? NaN : Number(text); };
     const compare = (a, b) => {
       const [x, y] = [value(a), value(b)];
@@ -89,8 +90,8 @@
     figure.dataset.tip = `${paper.method} of the paper's table 1. ${data.whyPaper}`;
   });
   const open = (number) => {
-    const row = number.closest("tr");
-    bench.showEvidence(row.dataset.row, row.dataset.scope || number.closest(".scope").dataset.scope, bench.keyOf(number), number);
+    const row = number.closest("tr"), key = bench.keyOf(number);
+    bench.showEvidence(row.dataset.row, row.dataset.scope || number.closest(".scope").dataset.scope, bench.gains[key] || key, number);
   };
   for (const table of bench.all("table.results")) {
     bench.all("tbody td", table).forEach((number, place) => { number.tabIndex = place ? -1 : 0; });
