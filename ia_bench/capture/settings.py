@@ -154,6 +154,8 @@ def _changed(settings: Settings, plain: Settings, part: str = "") -> dict[str, o
 def _word(key: str, value: object) -> str:
     if key == "sdf normals":
         return "given normals"  # where their folder lies says nothing
+    if isinstance(value, tuple):
+        return "axis " + " ".join(f"{part:g}" for part in value)
     if key == "light":
         return f"light {value}"
     if key == "views":

@@ -218,5 +218,5 @@ def test_a_turning_light_is_captured_and_recorded(tiny: Scene) -> None:
     around = np.degrees(np.arctan2(places[:, 1], places[:, 0]))
     assert np.abs((told["degrees"] - (around - around[0]) + 180) % 360 - 180).max() < 1e-2
     assert TurningLight.of_record(told) == after.turning
-    assert settings.label == "4 views, light turntable, turntable axis (0.0, 0.0, 1.0)"
+    assert settings.label == "4 views, light turntable, axis 0 0 1"
     assert take(tiny).turning is None
