@@ -60,7 +60,7 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
                 raise InputError(f"{shown(found)}: expected a file, found none")
             return found
 
-    if path.suffix.lower() == ".obj" and re.search(rb"^f\b[^\n]*\s0+(?![0-9])", path.read_bytes(), re.MULTILINE):
+    if path.suffix.lower() == ".obj" and re.search(rb"^f\b[^\n]*[\s/]0+(?![0-9])", path.read_bytes(), re.MULTILINE):
         raise InputError(f"{path}: expected faces of vertices that are counted from 1, found vertex 0")
     source = path if content is None else io.BytesIO(content)
     kind = path.suffix.lower().removeprefix(".")

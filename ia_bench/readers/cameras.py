@@ -54,11 +54,12 @@ def text(where: str, fields: Mapping[str, Any], key: str, default: str) -> str:
 
 
 def numbers(value: object) -> np.ndarray:
-    """Numbers of JSON, of any shape, as float64; an empty array for anything else."""
+    """Numbers of JSON, of any shape, as float64; an empty array for anything else, texts of digits among it."""
     try:
-        return np.asarray(value, np.float64)
-    except (TypeError, ValueError, OverflowError):
+        found = np.asarray(value)
+    except ValueError:  # lists of several lengths
         return np.zeros(0)
+    return found.astype(np.float64) if found.dtype.kind in "iuf" else np.zeros(0)
 
 
 def rigid(where: str, key: str, value: object) -> np.ndarray:
@@ -103,6 +104,11 @@ def frames_of(path: Path) -> list[Frame]:
         frames.append((where, {**content, **frame}))
     expect_each_once(photographs(frames))
     return frames
+
+
+def frames_if_there(path: Path) -> list[Frame]:
+    """:func:`frames_of` a file that need not be there: a folder, a device or a link to nowhere in its place is a mistake."""
+    return frames_of(path) if os.path.lexists(path) else []
 
 
 def photographs(frames: Sequence[Frame]) -> list[tuple[str, str]]:

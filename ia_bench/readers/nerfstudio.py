@@ -22,6 +22,7 @@ from ia_bench.readers.cameras import (
     camera,
     expect_each_once,
     expect_size_of,
+    frames_if_there,
     frames_of,
     lens,
     photographs,
@@ -63,7 +64,7 @@ class NerfstudioReader(FolderReader):
             paths = [self.folder / name for name in SPLIT]
             if not paths[0].is_file():
                 raise InputError(f"{self.folder}: expected {WHOLE} or {SPLIT[0]}, found neither")
-            training, held_out = (frames_of(path) if path.is_file() else [] for path in paths)
+            training, held_out = map(frames_if_there, paths)
             expect_each_once(photographs([*training, *held_out]))
             return training, held_out
         content, frames = read_json(path), frames_of(path)

@@ -19,7 +19,7 @@ from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.files import file_below
 from ia_bench.light.environment import turned
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import Frame, camera, frames_of, text
+from ia_bench.readers.cameras import Frame, camera, frames_if_there, frames_of, text
 from ia_bench.readers.contract import MESHES
 from ia_bench.readers.pictures import photograph, true_map
 from ia_bench.scenes.exr import read_light
@@ -103,8 +103,7 @@ class StanfordOrbReader(FolderReader):
         return self.scene(train=train, test=test, novel=seen, truth=known, notes=notes, mesh=mesh)
 
     def _novel_frames(self) -> list[Frame]:
-        path = self._place / self.label / "transforms_novel.json"
-        return frames_of(path) if path.is_file() else []
+        return frames_if_there(self._place / self.label / "transforms_novel.json")
 
     def _view(self, capture: str, where: str, frame: Mapping[str, Any], notes: list[str]) -> View:
         name = Path(text(where, frame, "file_path", ""))

@@ -15,7 +15,7 @@ from typing import Any
 
 from ia_bench.common.files import file_below
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import camera, frames_of, text
+from ia_bench.readers.cameras import camera, frames_if_there, frames_of, text
 from ia_bench.readers.pictures import Encoding, expect_size, maps_below, photograph, true_map
 from ia_bench.scenes.scene import Scene, View
 
@@ -42,7 +42,7 @@ class Synthetic4RelightReader(FolderReader):
         notes, folder = list[str](), self.folder
         train = [self.view(self._view(*frame, "_rgb.exr", notes)) for frame in frames_of(folder / "transforms_train.json")]
         test, novel = list[View](), list[View]()
-        held_out = frames_of(folder / "transforms_test.json") if (folder / "transforms_test.json").is_file() else []
+        held_out = frames_if_there(folder / "transforms_test.json")
         tested = self.told(held_out, lambda frame: folder / f"{frame[1].get('file_path')}_albedo.png")
         for where, frame in self.kept(held_out):
             view = self._view(where, frame, "_rgba.png", notes)

@@ -135,8 +135,9 @@ def read_run(folder: Path) -> Record:
         "clean": record.clean if environment.get("commit") else None,
         "cpu": environment.get("cpu"),
     }
-    if setup is not None:
-        found["command"] = shlex.join(text for text in shlex.split(setup.command)[2:] if not text.startswith("out="))
+    with suppress(ValueError):  # quotes without an end, in somebody else's
+        given = [] if setup is None else shlex.split(setup.command)[2:]
+        found["command"] = shlex.join(text for text in given if not text.startswith("out=")) or None
     with suppress(InputError):  # of a former version
         found["capture"] = setup and parsed(CaptureSettings, setup.config.get("capture", {})).label
     if record.status == "failed":

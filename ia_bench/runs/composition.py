@@ -30,6 +30,8 @@ from ia_bench.scores.protocol import Protocol
 OPTIONS = ("fit.", "method.options.", "prior.options.", "coupling.options.", "reader.options.")
 """What begins the names of settings that belong to a plugin."""
 
+LONGEST_FILE_NAME = 250  # bytes, .yaml left out
+
 
 def register(overrides: Sequence[str]) -> None:
     """Tell Hydra the settings of a run, with their defaults, and every plugin that has no YAML file of its own.
@@ -55,7 +57,9 @@ def register(overrides: Sequence[str]) -> None:
 
 
 def _is_name(value: str) -> bool:
-    """Whether a value in Hydra's grammar may name something: numbers, truth values, tables and nothing do not."""
+    """Whether a value in Hydra's grammar may name a file: numbers, truth values, tables, nothing and 5000 letters do not."""
+    if len(value.encode(errors="replace")) > LONGEST_FILE_NAME:
+        return False
     with suppress(HydraException):  # what cannot be read is told when all is composed
         found = OverridesParser.create().parse_override(f"x={value}").value()
         return isinstance(found, str | QuotedString | list) or "," in value

@@ -115,7 +115,7 @@ class RunConfig:
     device: Literal["auto", "cpu", "cuda"] = "auto"
     threads: Annotated[int, Field(ge=1)] | None = None
     row: str | None = None
-    out: str | None = None
+    out: Annotated[str, Field(min_length=1)] | None = None
     command: tuple[str, ...] = field(default=(), compare=False)
 
     @property

@@ -250,7 +250,8 @@ def _brought(folder: Path) -> dict[str, Path]:
     method = RunSetup.read(folder).config.get("method", {})
     if method.get("name") != "images":
         return {}
-    root, order = user_path("method.options.path", str(method["options"].get("path")), folder=True), method["options"].get("order")
+    options = method.get("options", {})
+    root, order = user_path("method.options.path", str(options.get("path")), folder=True), options.get("order")
     pictures = [path for path in sorted(root.rglob("*")) if path.suffix in PICTURES and path.is_file()]
     found = {path.relative_to(root).as_posix(): path for path in pictures}
     found |= {} if order in ORDERS else {ORDER: user_path("method.options.order", str(order))}

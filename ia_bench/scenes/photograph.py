@@ -142,6 +142,8 @@ def open_picture(path: Path, *, upright: bool = False) -> Image.Image:
             expect_size_to_read(path, *file.size)
             picture = ImageOps.exif_transpose(file) if upright else _as_stored(file)
             picture.load()
+    except InputError:  # of the size
+        raise
     except (OSError, SyntaxError, ValueError, struct.error, Image.DecompressionBombError) as error:  # as its formats raise them
         raise InputError(f"{path}: expected a picture (PNG, JPEG, TIFF, WebP, ...), found {error}") from None
     if picture.mode == "F":
@@ -212,6 +214,8 @@ def read_arrays(path: Path, wanted: Callable[[str], bool]) -> dict[str, np.ndarr
 
     def stored() -> dict[str, np.ndarray]:
         with np.load(path, allow_pickle=False) as content:
+            if (most := max((info.file_size for info in content.zip.infolist()), default=0)) > 32 * MAX_PIXELS:
+                raise InputError(f"{path}: expected arrays of at most {4 * MAX_PIXELS} numbers, found one of {most} bytes")
             return {key: content[key] for key in content.files if wanted(key)}
 
     return _arrays(path, stored)
@@ -222,6 +226,8 @@ def _arrays(path: Path, load: Callable[[], Mapping[str, Any]]) -> dict[str, np.n
         raise InputError(f"{shown(path)}: no such file")
     try:
         stored = load()
+    except InputError:
+        raise
     except (OSError, ValueError, EOFError, SyntaxError, MemoryError, OverflowError, BadZipFile):
         raise InputError(f"{path}: expected arrays of numbers (.npy, .npz), found a damaged file or another one") from None
     for key, values in stored.items():

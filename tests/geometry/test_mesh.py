@@ -79,8 +79,14 @@ def test_an_obj_counts_from_one(tmp_path: Path) -> None:
     path = tmp_path / "mesh.obj"
     path.write_text(QUAD + "f 1/1 2/2 3/3\nf -4/-4 -2/-2 -1/-1\n")
     assert len(load_mesh(path)[0].faces) == 2
-    path.write_text(QUAD + "f 1/1 2/2 3/3\nf 0/1 3/3 4/4\n")
-    with pytest.raises(InputError, match=r"mesh\.obj: expected faces of vertices that are counted from 1, found vertex 0"):
+    for corners in ("0/1 3/3 4/4", "1/0 3/3 4/4"):
+        path.write_text(QUAD + f"f 1/1 2/2 3/3\nf {corners}\n")
+        with pytest.raises(InputError, match=r"mesh\.obj: expected faces of vertices that are counted from 1, found vertex 0"):
+            load_mesh(path)
+    path.write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
+    with pytest.raises(
+        InputError, match=r"mesh\.obj: expected vertices and faces of three numbers each, found \(3, 2\) and \(1, 3\)"
+    ):
         load_mesh(path)
 
 

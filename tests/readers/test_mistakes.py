@@ -177,6 +177,10 @@ def view_folders(photo: str) -> Mistakes:
 MISTAKES: dict[str, Mistakes] = {
     "nerfstudio": {
         "no file": (gone(WHOLE), "expected transforms.json or transforms_train.json, found neither"),
+        "texts of digits": (
+            edit(WHOLE, lambda c: c["frames"][3]["transform_matrix"][3].__setitem__(3, "1")),
+            r"frames\[3\]: transform_matrix: expected 4 x 4 finite numbers, found shape \(0,\)",
+        ),
         "mask not there": (gone("masks/train_0003.png"), r"frames\[3\]: mask_path: masks/train_0003.png: no such file"),
         "mask of another size": (picture("masks/train_0003.png", to=smaller), r"masks/train_0003.png: expected 32 x 32 pixels"),
         "wrong width": (edit(WHOLE, lambda c: c.update(w=64)), "expected w = 64, as .* says, found 32"),
@@ -200,6 +204,10 @@ MISTAKES: dict[str, Mistakes] = {
         "a light beyond": (edit("train_000/metadata.json", lambda m: m.update(envmap_inten=1e38)), "light train: expected finite"),
     },
     "synthetic4relight": {
+        "a folder for frames": (
+            lambda at: [gone("transforms_test.json")(at), (at / "transforms_test.json").mkdir()],
+            "transforms_test.json: expected a file, found a folder",
+        ),
         "no photograph": (gone("train/003_rgb.exr"), r"frames\[3\]: file_path: ./train/003_rgb.exr: no such file"),
         "OpenCV axes": (matrix(TRAIN, other_axes, every=True), AXES),
         "relit in another size": (picture("test_rli/city_001.png", to=smaller), "city_001.png: expected 32 x 32 pixels"),

@@ -12,7 +12,7 @@ from run_folders import good_content, good_record
 
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.record import METRICS_FILE, RunRecord, finished_record
+from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup, finished_record
 
 
 def test_what_is_written_is_read(folder: RunFolder) -> None:
@@ -57,7 +57,20 @@ def test_a_value_of_another_type_is_named_by_file_and_key(tmp_path: Path, change
     assert f"{tmp_path / METRICS_FILE}: {message}" in str(caught.value)
 
 
-NO_RECORD = ["{", "[]", "null", "3", "\0\xff", "[" * 100_000, '{"seed": ' + "9" * 5000 + "}", '{"seed": NaN}', "{}"]
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ({"reader": "x"}, "config.reader: expected a table, found 'x'"),
+        ({"method": {"options": [1]}}, "config.method.options: expected a"),
+    ],
+)
+def test_a_part_of_a_configuration_that_is_no_table_is_named(tmp_path: Path, config: dict, message: str) -> None:
+    (tmp_path / CONFIG).write_text(json.dumps({"config_hash": "0", "identity": {}, "config": config}))
+    with pytest.raises(InputError, match=f"{CONFIG}: expected the configuration of a run: {message}"):
+        RunSetup.read(tmp_path)
+
+
+NO_RECORD = ["{", "[]", "null", "3", "\0\xff", "[" * 100_000, '{"seed": ' + "9" * 301 + "}", '{"seed": NaN}', "{}"]
 
 
 @pytest.mark.parametrize("content", NO_RECORD, ids=range(len(NO_RECORD)))

@@ -11,8 +11,9 @@ import pytest
 from PIL import Image, ImageOps
 
 from ia_bench.common.errors import InputError
+from ia_bench.scenes import photograph
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.photograph import open_picture, read_mask, read_photograph, read_values
+from ia_bench.scenes.photograph import open_picture, read_arrays, read_mask, read_photograph, read_values
 
 
 # ---------------------------------------------------------------- pictures that are none
@@ -21,6 +22,17 @@ def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
     (tmp_path / "size.ppm").write_bytes(b"P6\n3x 2\n255\n" + bytes(18))  # at which Pillow raises a ValueError
     with pytest.raises(InputError, match="size.ppm: expected a picture"):
         open_picture(tmp_path / "size.ppm", upright=True)
+
+
+def test_sizes_are_read_before_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files of some kilobytes that would fill the memory."""
+    Image.new("1", (9000, 9000)).save(tmp_path / "large.png")
+    with pytest.raises(InputError, match=r"large.png: expected at most 67108864 pixels \(8192 x 8192\), found 9000 x 9000"):
+        open_picture(tmp_path / "large.png", upright=True)
+    monkeypatch.setattr(photograph, "MAX_PIXELS", 1000)
+    np.savez_compressed(tmp_path / "large.npz", matrix=np.zeros(4001))
+    with pytest.raises(InputError, match="large.npz: expected arrays of at most 4000 numbers, found one of "):
+        read_arrays(tmp_path / "large.npz", lambda name: True)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
