@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Mesh, Scene
 from ia_bench_baselines.common.networks import positional_encoding
-from ia_bench_baselines.neilfpp.fields import FREQUENCIES, SineField
+from ia_bench_baselines.neilfpp.fields import FREQUENCIES, HashGrid, IncidentField
 from ia_bench_baselines.neilfpp.losses import OUTGOING_SHARE, second_hits, trace_loss
 from ia_bench_baselines.neilfpp.method import Neilfpp, NeilfppOptions
 from ia_bench_baselines.neilfpp.shading import reflect, sphere_directions
@@ -71,20 +72,29 @@ def test_many_directions_are_the_integral(roughness: float):
 
 
 def test_a_field_in_parts_is_the_network_of_both_inputs():
-    """Frontal layers of the first input alone, then both: written down for every pair."""
+    """Layers of the direction alone, then of both: written down for every pair."""
     generator = torch.Generator().manual_seed(0)
-    field = SineField(3, width=8, layers=4, start=0.3, second=True, generator=generator)
-    with torch.no_grad():
-        field.last.weight.normal_(generator=generator)
-    first, second = torch.randn(5, 3, generator=generator), torch.randn(7, 3, generator=generator)
-    found = field.finish((field.middle(first)[:, None] + field.inserted(second)).reshape(-1, 8))
-    code = positional_encoding(first.repeat_interleave(7, 0), FREQUENCIES)
-    hidden = code
-    for place in (0, 2):
-        hidden = torch.sin(30 * field.front[place](hidden))
-    hidden = torch.sin(30 * field.centre(torch.cat([hidden, code, second.repeat(5, 1)], 1)))
-    hidden = torch.sin(30 * field.back[1](hidden))
-    torch.testing.assert_close(found, field.last(hidden), rtol=1e-3, atol=1e-3)
+    field = IncidentField(width=8, start=0.3, generator=generator)
+    directions, positions = torch.randn(5, 3, generator=generator), torch.randn(7, 3, generator=generator)
+    found = field.finish((field.middle(directions)[:, None] + field.inserted(positions)).reshape(-1, 8))
+    hidden = positional_encoding(directions.repeat_interleave(7, 0), FREQUENCIES)
+    hidden = torch.relu(field.front[2](torch.relu(field.front[0](hidden))))
+    both = torch.cat([hidden, positional_encoding(positions.repeat(5, 1), FREQUENCIES)], 1)
+    hidden = torch.relu(both @ torch.cat([field.along.weight, field.at.weight], 1).T + field.along.bias)
+    torch.testing.assert_close(found, field.back[2](torch.relu(field.back[0](hidden))), rtol=1e-4, atol=1e-5)
+
+
+def test_a_level_of_a_hash_grid_is_linear_between_its_entries():
+    """At corners of cells it is the entry that the hash names, and in a cell's middle the mean of the eight around it."""
+    grid = HashGrid(levels=1, features=2, log_size=8, coarsest=4, finest=4, generator=torch.Generator().manual_seed(0))
+
+    def entry(corner: Sequence[int]) -> Tensor:
+        x, y, z = corner
+        return grid.table[(x ^ (y * 2654435761) ^ (z * 805459861)) % 256]
+
+    torch.testing.assert_close(grid(torch.tensor([[0.0, -0.5, 0.5]]))[0], entry((2, 1, 3)))
+    around = [entry((2 + a, 1 + b, 3 + c)) for a in (0, 1) for b in (0, 1) for c in (0, 1)]
+    torch.testing.assert_close(grid(torch.tensor([[0.25, -0.25, 0.75]]))[0], torch.stack(around).mean(0))
 
 
 # ---- the trace loss ----------------------------------------------------------------------------------------------------

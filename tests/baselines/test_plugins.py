@@ -49,13 +49,13 @@ def mitsuba_adam(steps: int) -> Method:
 
 
 def tensoir(steps: int) -> Method:
-    sizes = TensoirOptions(radiance_steps=2, fine_steps=2, pixels=16, radiance_pixels=16, rows=4, coarse=8, fine=12)
+    sizes = TensoirOptions(radiance_steps=2, fine_steps=2, pixels=16, radiance_pixels=16, directions=12, coarse=8, fine=12)
     return Tensoir(replace(sizes, coarse_steps=steps))
 
 
 def neilfpp(steps: int) -> Method:
     sizes = NeilfppOptions(surface_light_steps=2, material_steps=2, pixels=16, directions=16, rendered_directions=32, traced=32)
-    return Neilfpp(replace(sizes, joint_steps=steps, width=16, material_width=16, layers=4))
+    return Neilfpp(replace(sizes, joint_steps=steps, width=16))
 
 
 def invrender(steps: int) -> Method:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.material.brdf import specular_brdf_cosine
+from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench_baselines.common.spherical_gaussians import fit
 from ia_bench_baselines.common.spherical_gaussians.lobes import (
     SphericalGaussianEnvironment,
@@ -107,20 +108,21 @@ def test_gloss_is_near_ggx_under_a_smooth_light(gloss: Gloss, roughness: float, 
     assert 0.9 < found / expected < 1.3
 
 
-def test_drawn_directions_add_up_to_integrals() -> None:
-    """Each weight is 1 / (D density): sums of f are integrals, here of the light itself and of the light times a cosine."""
+def test_drawn_directions_add_up_to_the_irradiance() -> None:
+    """Each weight is 1 / (D density), of three techniques: their sums are the irradiance that a quadrature finds, and exact
+    where the light is an even sky, of which the cosine is one technique."""
     lobes = random_lobes(12, 4)
     lobes = lobes._replace(sharpness=lobes.sharpness.clone().index_fill(0, torch.tensor([0]), 3000.0))  # a sun
-    directions, weights = draw_directions(lobes, 2**16, torch.Generator().manual_seed(0))
-    torch.testing.assert_close(directions.norm(dim=1), torch.ones(len(directions)))
-    light = lobes.radiance(directions)
-    torch.testing.assert_close(weights @ light, lobes.energy().sum(0), rtol=0.01, atol=0)
+    normal = tilted(30).expand(1000, 3)
+    points = SurfacePoints(normal, normal, tilted(0).expand(1000, 3), normal[:, :2], normal, torch.ones(1000, 1, dtype=torch.bool))
+    drawn = draw_directions(lobes, points, torch.full((1000, 1), 0.3), 64, torch.Generator().manual_seed(0))
+    torch.testing.assert_close(drawn.direction.norm(dim=-1), torch.ones(1000, 64))
+    cosine = (drawn.direction @ tilted(30)[0]).clamp_min(0)
+    found = ((cosine * drawn.weight)[..., None] * drawn.radiance).sum(1)
     value = SphericalGaussians(*(part.double() for part in lobes)).radiance(DIRECTIONS)
-    cosine = (DIRECTIONS @ tilted(30)[0].double()).clamp_min(0) * SOLID_ANGLE
-    found = ((directions @ tilted(30)[0]).clamp_min(0) * weights) @ light
-    torch.testing.assert_close(found.double(), cosine @ value, rtol=0.01, atol=0)
-    # the mean over channels is drawn exactly: its every term is the same
-    assert float((weights * light.mean(1)).std()) < 1e-5 * float((weights * light.mean(1)).mean()) + 1e-9
+    true = ((DIRECTIONS @ tilted(30)[0].double()).clamp_min(0) * SOLID_ANGLE) @ value
+    torch.testing.assert_close(found.mean(0).double(), true, rtol=0.01, atol=0)
+    assert bool((drawn.weight[drawn.direction @ tilted(30)[0] <= 0] == 0).all())
 
 
 # ---- fits of a light -------------------------------------------------------------------------------------------------

@@ -13,15 +13,17 @@ from ia_bench.checks.methods import Memory
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.scenes.scene import Scene
+from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
+from ia_bench_baselines.common.spherical_gaussians.sampling import draw_directions
 from ia_bench_baselines.tensoir.method import Tensoir as TensoirMethod
 from ia_bench_baselines.tensoir.method import TensoirOptions
 from ia_bench_baselines.tensoir.model import LINES, PLANES, Tensoir, VectorMatrix, arriving_light
-from ia_bench_baselines.tensoir.shading import reflect, stratified_directions
+from ia_bench_baselines.tensoir.shading import reflect
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_material
 from tests.baselines.reflecting import Reflecting, points_at
 
 SMALL = TensoirOptions(
-    radiance_steps=4, coarse_steps=3, fine_steps=4, radiance_pixels=64, pixels=32, rows=4, rendered_directions=32, lobes=16,
+    radiance_steps=4, coarse_steps=3, fine_steps=4, radiance_pixels=64, pixels=32, directions=12, rendered_directions=32, lobes=16,
     coarse=8, fine=12, components=2,
 )  # fmt: skip
 CORNERS = torch.tensor([[-1.0, -1, -1], [1, 1, 1]])
@@ -76,26 +78,25 @@ def test_one_direction_is_the_brdf_in_float64(roughness: float):
     torch.testing.assert_close(found.double(), true, rtol=1e-2, atol=1e-5)
 
 
-def test_stratified_directions_add_up_to_the_integral():
-    """Many cells against a quadrature; few cells on average over their draws, where the error of 300 is a half per cent."""
+def test_drawn_directions_add_up_to_the_integral():
+    """Few directions, on average over their draws, against a quadrature; of a sun and of a smooth light, at two roughnesses."""
     normal, view = torch.tensor([0.0, 0.6, 0.8]), torch.nn.functional.normalize(torch.tensor([0.5, 0.2, 0.7]), dim=0)
-    albedo, roughness = torch.tensor([[0.2, 0.5, 0.8]]), torch.tensor([[0.5]])
-
-    def light(directions: Tensor) -> Tensor:
-        return 1 + directions + torch.exp(5 * (directions @ directions.new_tensor([0.0, 0.8, 0.6]) - 1))[:, None]
-
-    rows, point = 256, points_at(normal[None], view[None])
+    axes = torch.nn.functional.normalize(torch.tensor([[0.0, 0.9, 0.5], [0.3, -0.5, 0.8]]), dim=1)
+    lobes = SphericalGaussians(axes, torch.tensor([400.0, 2.0]), torch.tensor([[50.0, 40, 30], [0.5, 1, 2]]))
+    albedo, rows, draws = torch.tensor([[0.2, 0.5, 0.8]]), 256, 4000
     grid = texel_centres(rows, 2 * rows).double().reshape(-1, 3)
     area = row_solid_angles(rows, 2 * rows).repeat_interleave(2 * rows)
-    true = (brute_force(normal.double(), view.double(), grid, albedo[0].double(), 0.5) * light(grid) * area[:, None]).sum(0)
-    generator = torch.Generator().manual_seed(0)
-
-    def estimate(rows: int) -> Tensor:
-        directions, solid_angles = stratified_directions(rows, generator)
-        return reflect(point, albedo, roughness, directions, solid_angles, light(directions)[None])[0].double()
-
-    torch.testing.assert_close(estimate(128), true, rtol=5e-3, atol=0)
-    torch.testing.assert_close(torch.stack([estimate(6) for _ in range(300)]).mean(0), true, rtol=0.01, atol=0)
+    light = SphericalGaussians(*(part.double() for part in lobes)).radiance(grid)
+    points = points_at(normal.expand(draws, 3), view.expand(draws, 3))
+    for roughness in (0.25, 0.6):
+        value = brute_force(normal.double(), view.double(), grid, albedo[0].double(), roughness)
+        true = (value * light * area[:, None]).sum(0)
+        rough = torch.full((draws, 1), roughness)
+        drawn = draw_directions(lobes, points, rough, 32, torch.Generator().manual_seed(0))
+        torch.testing.assert_close(drawn.direction.norm(dim=-1), torch.ones(draws, 32))
+        found = reflect(points, albedo.expand(draws, 3), rough, drawn.direction, drawn.weight, drawn.radiance)
+        torch.testing.assert_close(found.mean(0).double(), true, rtol=5e-3, atol=0)
+        assert float((found.std(0) / found.mean(0)).max()) < 0.25
 
 
 # ---- light -------------------------------------------------------------------------------------------------------------
@@ -108,18 +109,18 @@ def test_what_arrives_is_the_light_or_what_the_radiance_head_sends(tiny: Scene):
     gbuffer = stage.gbuffer([tiny.train[0].camera], 1)
     some = slice(None, None, 7)
     points = stage.surface(gbuffer.face[some, 0], gbuffer.barycentric[some, 0], gbuffer.origin.expand(len(gbuffer.face[some]), 3))
-    directions, _ = stratified_directions(8, torch.Generator().manual_seed(0))
-    light = arriving_light(stage, points, directions, model.light.lobes(), model)
-    environment, blocked = model.light.lobes().radiance(directions), 0
+    rough = torch.full((len(points.normal), 1), 0.5)
+    drawn = draw_directions(model.light.lobes(), points, rough, 48, torch.Generator().manual_seed(0))
+    light, blocked = arriving_light(stage, points, drawn, model), 0
     for point in range(0, len(points.position), 5):
         start = points.position[point] + stage.surface.offset * points.geometric[point]
-        for direction in range(0, len(directions), 3):
-            way = directions[direction]
+        for direction in range(48):
+            way = drawn.direction[point, direction]
             face, barycentric, _ = stage.rays.intersect(start[None], way[None])
             if float(way @ points.normal[point]) <= 0:
                 expected = torch.zeros(3)
             elif int(face) < 0:
-                expected = environment[direction]
+                expected = model.light.lobes().radiance(way[None])[0]
             else:
                 normal, position = stage.surface.geometry(face, barycentric)
                 sent = model.radiance(model.features(model.local(position)), -way[None])[0]
@@ -130,25 +131,33 @@ def test_what_arrives_is_the_light_or_what_the_radiance_head_sends(tiny: Scene):
     light.sum().backward()
     assert all(p.grad is None for p in model.radiance_head.parameters())
     assert model.light.log_amplitude.grad is not None
-    alone = arriving_light(stage, points, directions, model.light.lobes(), None)
+    alone = arriving_light(stage, points, drawn, None)
     assert float(alone.detach().sum()) < float(light.detach().sum())
 
 
 # ---- the method --------------------------------------------------------------------------------------------------------
 
 
+def cells(rows: int, generator: torch.Generator) -> Tensor:
+    """A direction in every cell of a lat-long grid, uniform within it: (2 rows^2, 3)."""
+    edges = torch.cos(math.pi * torch.arange(rows + 1) / rows)[:, None]
+    down, across = torch.rand(2, rows, 2 * rows, generator=generator)
+    z = edges[:-1] + (edges[1:] - edges[:-1]) * down
+    azimuth, radius = math.pi * (torch.arange(2 * rows) + across) / rows, (1 - z * z).clamp_min(0).sqrt()
+    return torch.stack([radius * azimuth.cos(), radius * azimuth.sin(), z], -1).reshape(-1, 3)
+
+
 @pytest.fixture
 def at_home(tiny: Scene) -> tuple[Scene, Reflecting]:
     """Photographs by its own sums over directions, of light that other parts of the object send or hide; and their truth."""
-    directions, solid_angles = stratified_directions(16, torch.Generator().manual_seed(5))
+    rows = 16
+    solid_angles = row_solid_angles(rows, 2 * rows).repeat_interleave(2 * rows).float()
 
     def shade(points: SurfacePoints, values: Tensor, directions: Tensor, light: Tensor) -> Tensor:
         albedo, roughness = values.split((3, 1), 1)
-        return reflect(points, albedo, roughness, directions, solid_angles, light)
+        return reflect(points, albedo, roughness, directions.expand(len(light), -1, -1), solid_angles, light)
 
-    truth = Reflecting(
-        problem_of(tiny).stage, smooth_material(), shade, lambda generator: stratified_directions(16, generator)[0]
-    )  # fmt: skip
+    truth = Reflecting(problem_of(tiny).stage, smooth_material(), shade, lambda generator: cells(rows, generator))
     return photographed(tiny, truth), truth
 
 

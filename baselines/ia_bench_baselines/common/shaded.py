@@ -33,8 +33,7 @@ class Shader(Protocol):
 class ShadedReconstruction:
     """See :class:`ia_bench.render.reconstruction.Reconstruction`.
 
-    Maps and assets are the method's textures. Renders are the method's own, at ``points`` x ``points`` points a pixel: a quality's
-    own points, which are the reference renderer's, would cost a network more than its fit did.
+    Maps and assets are the method's textures. Renders are the method's own, at as many points a pixel as is asked for.
     """
 
     def __init__(
@@ -45,7 +44,6 @@ class ShadedReconstruction:
         renderer: str,
         environment: Environment | None,
         shader: Callable[[Environment | None, Quality], Shader | None],
-        points: int = 2,
         light_rows: int = 32,
     ) -> None:
         """What was recovered.
@@ -57,13 +55,12 @@ class ShadedReconstruction:
             environment: The recovered light, None where the method has none that is infinitely far away.
             shader: Makes what shades points under a light, None standing for the recovered one; it answers None where the method
                 cannot render under that light.
-            points: Along a side of a pixel, of renders.
             light_rows: Of the lat-long map that an environment which is none is exported as.
         """
         self.renderer, self.environment = renderer, environment
         light = None if environment is None else environment.latlong(light_rows)
         self._textures = TexturedReconstruction(stage, material, light)
-        self._stage, self._shader, self._points = stage.apart, shader, points
+        self._stage, self._shader = stage.apart, shader
 
     def maps(self, cameras: Sequence[Camera], names: Collection[str], *, points: int) -> dict[str, Images]:
         """See :meth:`ia_bench.render.reconstruction.Reconstruction.maps`."""
@@ -78,7 +75,7 @@ class ShadedReconstruction:
         if shade is None:
             return None
         images, coverage = [], []
-        for gbuffer in self._stage.gbuffers(cameras, self._points):
+        for gbuffer in self._stage.gbuffers(cameras, quality.points):
             mean = torch.zeros(len(gbuffer.pixel), 3, device=self._stage.device)
             hit = gbuffer.face >= 0
             entry, _ = torch.nonzero(hit, as_tuple=True)

@@ -18,7 +18,7 @@ class InvRenderOptions:
         radiance_steps: Adam steps of the radiance field, which says what parts of the object send to each other.
         indirect_steps: Adam steps of the indirect light's spherical Gaussians; 0 leaves indirect light out.
         steps: Adam steps of material and light.
-        pixels: Training pixels of a step, of all views.
+        pixels: Training pixels of a step, of all views, each the mean of its points.
         texels: Surface points of a step of the indirect light.
         width: Of the hidden layers of all networks but the decoder.
         octaves: Of the encoding of positions; the last one's period is 2 pi / 2^(octaves - 1) of half the object's extent: with 7
@@ -36,7 +36,7 @@ class InvRenderOptions:
     radiance_steps: Number = 800
     indirect_steps: Count = 400
     steps: Number = 1800
-    pixels: Number = 512
+    pixels: Number = 128
     texels: Number = 256
     width: Number = 128
     octaves: Number = 7

@@ -6,57 +6,87 @@ import math
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import embedding
 
-from ia_bench_baselines.common.networks import Sine, encoded, initialise_siren, positional_encoding
+from ia_bench_baselines.common.networks import encoded, initialise, perceptron, positional_encoding
 from ia_bench_baselines.neilfpp.method import LEAST_ROUGHNESS, NeilfppOptions
 
-FREQUENCIES = 6  # of the positional encoding of a network's first input
-LAST = 1e-5  # bound of the last layer's weights at the start, so that a field starts constant
+FREQUENCIES = 3  # of the encodings of directions, and of positions that incident light is found by
+LAST = 1e-2  # bound of the last layer's weights at the start, so that a field starts nearly constant
 BRIGHTEST = 3.0  # radiance that the surface light field can reach
+PRIMES = (1, 2_654_435_761, 805_459_861)
 
 
-class SineField(nn.Module):
-    """A SIREN of one encoded input, which enters at the first and at the middle layer, and of another that enters at the middle.
+class HashGrid(nn.Module):
+    """Features of positions in [-1, 1]^3 from grids of growing resolution, kept in tables (Müller et al. 2022, Instant NGP)."""
 
-    The middle layer is linear before its sine, so that each input's share of it is found by itself: ``middle`` of all of the
-    first inputs, ``inserted`` of all of the second ones, and ``finish`` of the sum for those pairs that are asked for.
+    resolution: Tensor
+    corners: Tensor
+
+    def __init__(
+        self, *, coarsest: int, finest: int, generator: torch.Generator, levels: int = 8, features: int = 2, log_size: int = 14
+    ) -> None:
+        """``levels`` grids from ``coarsest`` to ``finest`` cells a side, each of 2^``log_size`` entries of so many features."""
+        super().__init__()
+        device = generator.device
+        growth = (finest / coarsest) ** (torch.arange(levels, device=device) / max(levels - 1, 1))
+        self.register_buffer("resolution", (coarsest * growth).round())
+        self.register_buffer("corners", torch.tensor([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], device=device))
+        self.size, self.outputs = 2**log_size, levels * features
+        values = torch.rand(levels * self.size, features, generator=generator, device=device)
+        self.table = nn.Parameter(1e-4 * (2 * values - 1))
+
+    def forward(self, position: Tensor) -> Tensor:
+        """Features (N, L F), linear between the 8 corners of a cell of each level."""
+        scaled = (position[:, None].clamp(-1, 1) + 1) / 2 * self.resolution[:, None]  # (N, L, 3)
+        cell = scaled.detach().floor()
+        part = scaled - cell
+        corner = cell.long()[:, :, None] + self.corners  # (N, L, 8, 3)
+        x, y, z = (corner[..., axis] * prime for axis, prime in enumerate(PRIMES))
+        level = torch.arange(len(self.resolution), device=position.device)[:, None]
+        values = embedding((x ^ y ^ z) % self.size + self.size * level, self.table)  # (N, L, 8, F)
+        x_side, y_side, z_side = torch.stack([1 - part, part], -1).unbind(2)  # (N, L, 2) each
+        near = x_side[..., :, None, None] * y_side[..., None, :, None] * z_side[..., None, None, :]
+        return (near.flatten(2)[..., None, :] @ values).flatten(1)
+
+
+class IncidentField(nn.Module):
+    """A perceptron of an encoded direction, into whose middle layer an encoded position enters.
+
+    The middle layer is linear before its activation, so that each input's share of it is found by itself: ``middle`` of all
+    directions, ``inserted`` of all positions, and ``finish`` of the sum for those pairs that are asked for.
     """
 
-    def __init__(self, outputs: int, *, width: int, layers: int, start: float, second: bool, generator: torch.Generator) -> None:
-        """``start``: what all outputs are at the start; ``second``: whether there is a second input, of 3 channels."""
+    def __init__(self, *, width: int, start: float, generator: torch.Generator) -> None:
+        """``start``: what all outputs are at the start."""
         super().__init__()
-        first = encoded(3, FREQUENCIES)
-        front = layers // 2
+        inputs = encoded(3, FREQUENCIES)
+        self.front = perceptron([inputs, width, width])
+        self.along, self.at = nn.Linear(width, width), nn.Linear(inputs, width, bias=False)
+        self.back = perceptron([width, width, 3])
+        for part in (self.front, self.along, self.at, self.back):
+            initialise(part.to(generator.device), generator, math.sqrt(6))
+        _start_constant(self.back, start, generator)
 
-        def sines(sizes: list[int]) -> list[nn.Module]:
-            return [part for size in sizes for part in (nn.Linear(size, width), Sine())]
+    def middle(self, direction: Tensor) -> Tensor:
+        """The share (D, W) of directions (D, 3) in the middle layer."""
+        return self.along(torch.relu(self.front(positional_encoding(direction, FREQUENCIES))))
 
-        self.front = nn.Sequential(*sines([first, *[width] * (front - 1)]))
-        self.centre = nn.Linear(width + first + (3 if second else 0), width)
-        self.back = nn.Sequential(Sine(), *sines([width] * (layers - front - 1)))
-        self.last = nn.Linear(width, outputs)
-        self.to(generator.device)
-        initialise_siren(self.front, generator)
-        initialise_siren(self.centre, generator, first=False)
-        initialise_siren(self.back, generator, first=False)
-        with torch.no_grad():
-            self.last.weight.uniform_(-LAST, LAST, generator=generator)
-            self.last.bias.fill_(start)
-
-    def middle(self, first: Tensor) -> Tensor:
-        """The share (N, W) of the first inputs (N, 3) in the middle layer."""
-        code = positional_encoding(first, FREQUENCIES)
-        known = torch.cat([self.front(code), code], 1)
-        return known @ self.centre.weight[:, : known.shape[1]].T + self.centre.bias
-
-    def inserted(self, second: Tensor) -> Tensor:
-        """The share (N, W) of the second inputs (N, 3)."""
-        return second @ self.centre.weight[:, -3:].T
+    def inserted(self, position: Tensor) -> Tensor:
+        """The share (N, W) of positions (N, 3)."""
+        return self.at(positional_encoding(position, FREQUENCIES))
 
     def finish(self, middle: Tensor) -> Tensor:
-        """The outputs (N, C) of what the middle layer holds, (N, W)."""
-        found: Tensor = self.last(self.back(middle))
-        return found
+        """The outputs (K, 3) of what the middle layer holds, (K, W)."""
+        return self.back(torch.relu(middle))
+
+
+def _start_constant(network: nn.Sequential, start: float, generator: torch.Generator) -> None:
+    last = network[-1]
+    assert isinstance(last, nn.Linear)
+    with torch.no_grad():
+        last.weight.uniform_(-LAST, LAST, generator=generator)
+        last.bias.fill_(start)
 
 
 class Neilf(nn.Module):
@@ -70,12 +100,19 @@ class Neilf(nn.Module):
         brightness = max(median, 1e-3)
         share = min(brightness / BRIGHTEST, 0.9)
 
-        def field(outputs: int, width: int, start: float, *, second: bool = True) -> SineField:
-            return SineField(outputs, width=width, layers=options.layers, start=start, second=second, generator=generator)
+        def grid() -> HashGrid:
+            return HashGrid(coarsest=8, finest=options.finest, generator=generator)
 
-        self.material_field = field(5, options.material_width, 0.0, second=False)
-        self.incident_field = field(3, options.width, math.log10(brightness / 0.5))
-        self.outgoing_field = field(3, options.width, math.log(share / (1 - share)))
+        def head(inputs: int, outputs: int, start: float) -> nn.Sequential:
+            network = perceptron([inputs, options.width, options.width, outputs]).to(generator.device)
+            initialise(network, generator, math.sqrt(6))
+            _start_constant(network, start, generator)
+            return network
+
+        self.material_grid, self.outgoing_grid = grid(), grid()
+        self.material_head = head(self.material_grid.outputs, 5, 0.0)
+        self.outgoing_head = head(self.outgoing_grid.outputs + encoded(3, FREQUENCIES), 3, math.log(share / (1 - share)))
+        self.incident_field = IncidentField(width=options.width, start=math.log10(brightness / 0.5), generator=generator)
         self.register_buffer("centre", corners.mean(0))
         self.radius = float((corners[1] - corners[0]).norm()) / 2
 
@@ -85,8 +122,8 @@ class Neilf(nn.Module):
 
     def material(self, local: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Base colour (N, 3), roughness (N, 1) and metal (N, 1) at local positions (N, 3)."""
-        field = self.material_field
-        colour, roughness, metallic = (torch.tanh(field.finish(field.middle(local))) / 2 + 0.5).split((3, 1, 1), 1)
+        found = torch.tanh(self.material_head(self.material_grid(local))) / 2 + 0.5
+        colour, roughness, metallic = found.split((3, 1, 1), 1)
         return colour, LEAST_ROUGHNESS + (1 - LEAST_ROUGHNESS) * roughness, metallic
 
     def incident(self, local: Tensor, directions: Tensor, point: Tensor, direction: Tensor) -> Tensor:
@@ -98,5 +135,5 @@ class Neilf(nn.Module):
 
     def outgoing(self, local: Tensor, directions: Tensor) -> Tensor:
         """Radiance (N, 3) that local positions (N, 3) send along unit directions (N, 3)."""
-        field = self.outgoing_field
-        return BRIGHTEST * torch.sigmoid(field.finish(field.middle(local) + field.inserted(directions)))
+        seen = torch.cat([self.outgoing_grid(local), positional_encoding(directions, FREQUENCIES)], 1)
+        return BRIGHTEST * torch.sigmoid(self.outgoing_head(seen))

@@ -13,9 +13,10 @@ from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.descent import Descent, Phase
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality
+from ia_bench.scenes.color import linear_to_srgb
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, bake, part_of
-from ia_bench_baselines.neilfpp.fields import BRIGHTEST, Neilf
+from ia_bench_baselines.neilfpp.fields import HashGrid, Neilf
 from ia_bench_baselines.neilfpp.losses import scharr_edges, second_hits, smoothness, trace_loss
 from ia_bench_baselines.neilfpp.method import NeilfppOptions
 from ia_bench_baselines.neilfpp.shading import reflect, sphere_directions
@@ -35,7 +36,7 @@ class NeilfFit:
     def __init__(self, problem: Problem, options: NeilfppOptions, seed: int) -> None:
         """The fields as they start; networks draw their weights from ``seed``."""
         self._stage, self._options = problem.stage, options
-        self._pixels = TrainingPixels(problem)
+        self._pixels = TrainingPixels(problem, problem.plan.subsamples)
         images = torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]).to(problem.device)
         self._edges = scharr_edges(images).reshape(-1)[self._pixels.gbuffer.pixel[self._pixels.entries]]
         vertices = torch.from_numpy(problem.scene.expect_mesh().vertices)
@@ -46,11 +47,15 @@ class NeilfFit:
     def phases(self) -> list[Phase]:
         """The surface light field; material and incident light; everything."""
         options, neilf = self._options, self.neilf
-        optics = [*neilf.material_field.parameters(), *neilf.incident_field.parameters()]
-        outgoing = list(neilf.outgoing_field.parameters())
+        optics = [neilf.material_grid, neilf.material_head, neilf.incident_field]
+        outgoing = [neilf.outgoing_grid, neilf.outgoing_head]
 
-        def adam(parameters: list[torch.nn.Parameter]) -> Callable[[], torch.optim.Optimizer]:
-            return lambda: torch.optim.AdamW(parameters, lr=options.rate, eps=1e-12)
+        def adam(parts: list[torch.nn.Module]) -> Callable[[], torch.optim.Optimizer]:
+            groups = [
+                {"params": list(part.parameters()), "lr": options.grid_rate if isinstance(part, HashGrid) else options.rate}
+                for part in parts
+            ]
+            return lambda: torch.optim.AdamW(groups, eps=1e-12)
 
         return [
             Phase("surface_light", options.surface_light_steps, self._surface_light_loss, adam(outgoing), scored=False),
@@ -69,8 +74,12 @@ class NeilfFit:
         return self._outgoing_error(self._pixels.points(chosen), chosen)
 
     def _outgoing_error(self, points: SurfacePoints, chosen: Tensor) -> Tensor:
-        seen = self.neilf.outgoing(self.neilf.local(points.position), points.view)
-        return (seen - self._pixels.target(chosen, seen)).abs().mean() / BRIGHTEST
+        return self._error(self.neilf.outgoing(self.neilf.local(points.position), points.view), chosen)
+
+    def _error(self, radiance: Tensor, chosen: Tensor) -> Tensor:
+        """The mean absolute error of radiance (N S, 3) of the S points of each of the chosen pixels, as an image has it."""
+        seen = radiance.unflatten(0, (len(chosen), -1)).mean(1)
+        return (encoded(seen) - encoded(self._pixels.target(chosen, seen))).abs().mean()
 
     def _loss(self, generator: torch.Generator, *, held: bool) -> Tensor:
         """All of a step; ``held``: the surface light field is not trained."""
@@ -80,24 +89,33 @@ class NeilfFit:
         local = neilf.local(points.position).requires_grad_()
         material = neilf.material(local)
         directions = sphere_directions(options.directions, generator)
-        point, direction = pairs_above(points.normal, directions)
 
-        # ---- image ---------------------------------------------------------------------------------------------
-        incident = neilf.incident(local.detach(), directions, point, direction)
-        seen = reflect(points, material, directions, spread(incident, point, direction, len(points.normal), len(directions)))
-        loss = (seen - self._pixels.target(chosen, seen)).abs().mean()
+        # ---- image: light arrives at a pixel, and is reflected by each of its points --------------------------
+        each = len(local) // len(chosen)
+        centre = local.detach()[::each]
+        above = (points.normal @ directions.T > 0).unflatten(0, (-1, each)).any(1)
+        pixel, direction = torch.nonzero(above, as_tuple=True)
+        incident = neilf.incident(centre, directions, pixel, direction)
+        arriving = spread(incident, pixel, direction, len(chosen), len(directions))
+        loss = self._error(reflect(points, material, directions, arriving.repeat_interleave(each, 0)), chosen)
 
         # ---- light that comes from the object itself -----------------------------------------------------------
-        some = torch.randint(len(point), (options.traced,), generator=generator, device=point.device)
-        start, along = point[some], directions[direction[some]]
+        some = torch.randint(len(pixel), (options.traced,), generator=generator, device=pixel.device)
+        start, along = pixel[some] * each, directions[direction[some]]
         hit, position = second_hits(self._stage, points.position[start], points.geometric[start], along)
         loss = loss + options.trace_weight * trace_loss(neilf, incident[some[hit]], position, along[hit], held=held)
 
         # ---- priors, and the surface light field from images ---------------------------------------------------
         _, roughness, metallic = material
+        edges = self._edges[chosen].repeat_interleave(each)
         loss = loss + options.metallic_weight * metallic.mean()
-        loss = loss + options.smooth_weight * smoothness(local, roughness, metallic, self._edges[chosen])
+        loss = loss + options.smooth_weight * smoothness(local, roughness, metallic, edges)
         return loss if held else loss + self._outgoing_error(points, chosen)
+
+
+def encoded(radiance: Tensor) -> Tensor:
+    """Radiance as the original compares it for images of 8 bits: at most 1, in sRGB."""
+    return linear_to_srgb(radiance.clamp(0, 1))
 
 
 def fit(problem: Problem, options: NeilfppOptions, *, seed: int, monitor: Monitor) -> Result:
@@ -115,7 +133,7 @@ def fit(problem: Problem, options: NeilfppOptions, *, seed: int, monitor: Monito
 def reconstruction(problem: Problem, neilf: Neilf, size: int, directions: int) -> ShadedReconstruction:
     """Textures of ``size`` that the reference renderer draws under novel lights, and the fields' own view synthesis.
 
-    ``directions``: over the sphere, of every point of a render, few of which share them.
+    ``directions``: over the sphere, of every pixel of a render, whose points share them out.
     """
     texels = bake(problem.stage, size, lambda position: torch.cat(neilf.material(neilf.local(position)), 1))
     colour, roughness, metallic = (part.contiguous() for part in texels.split((3, 1, 1), -1))
@@ -124,13 +142,16 @@ def reconstruction(problem: Problem, neilf: Neilf, size: int, directions: int) -
         if novel is not None:
             return None
         generator = torch.Generator(device=problem.device).manual_seed(quality.seed)
-        count = max(1, round(min(quality.samples / FULL_SAMPLES, 1) * directions))  # for a curve, fewer will do
+        share = min(quality.samples / FULL_SAMPLES, 1)  # for a curve, fewer will do
+        count = max(8, round(share * directions / quality.points**2))
 
         def radiance(points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
-            parts = torch.arange(len(points.normal), device=problem.device).split(POINTS_AT_ONCE)
-            return torch.cat([
-                shade(neilf, part_of(points, part), sphere_directions(count, generator), albedo_scale) for part in parts
-            ])  # fmt: skip
+            seen = torch.zeros_like(points.normal)
+            parts = -(-len(seen) // POINTS_AT_ONCE)
+            for first in range(parts):  # points of a pixel are neighbours: each is to have directions of its own
+                part = torch.arange(first, len(seen), parts, device=seen.device)
+                seen[part] = shade(neilf, part_of(points, part), sphere_directions(count, generator), albedo_scale)
+            return seen
 
         return radiance
 

@@ -23,12 +23,12 @@ class NeilfppOptions:
         pixels: In every step, from all training views.
         surface_light_pixels: In every step of the first phase, where a pixel is one evaluation of one network.
         directions: Of incident light over the whole sphere, shared by the pixels of a step; about half are above a horizon.
-        rendered_directions: The same, of view synthesis, for every point.
+        rendered_directions: The same, of a pixel of view synthesis, whose points share them out.
         traced: Pairs of a pixel and a direction whose ray is traced in every step for the trace loss.
-        width: Channels of a hidden layer of both light fields.
-        material_width: Channels of a hidden layer of the material's network.
-        layers: Hidden layers of every network; the second input enters in the middle.
-        rate: AdamW rate, a fifth after a third of the joint phase, and a twenty-fifth after two thirds.
+        width: Channels of a hidden layer of all networks.
+        finest: Cells along a side of the finest level of the hash grids, over the object's ball.
+        grid_rate: AdamW rate of hash grids.
+        rate: AdamW rate of networks, a fifth after a third of the joint phase, and a twenty-fifth after two thirds.
         trace_weight: Weight of the distance between incident light and the surface light field where rays hit.
         metallic_weight: Weight of the mean metal.
         smooth_weight: Weight of the gradients of roughness and metal over the surface, where images have none.
@@ -38,22 +38,17 @@ class NeilfppOptions:
     material_steps: Count = 100
     joint_steps: Number = 900
     pixels: Number = 256
-    surface_light_pixels: Number = 1024
+    surface_light_pixels: Number = 256
     directions: Number = 128
-    rendered_directions: Number = 256
+    rendered_directions: Number = 1024
     traced: Number = 2048
     width: Number = 64
-    material_width: Number = 128
-    layers: Number = 6
-    rate: Rate = 0.0003
+    finest: Number = 128
+    grid_rate: Rate = 0.01
+    rate: Rate = 0.002
     trace_weight: Weight = 0.1
     metallic_weight: Weight = 0.005
     smooth_weight: Weight = 0.00005
-
-    def __post_init__(self) -> None:
-        """Raises ValueError where there is no middle for the second input to enter."""
-        if self.layers < 2:
-            raise ValueError(f"layers: expected at least 2, found {self.layers}")
 
 
 if TYPE_CHECKING:
@@ -74,12 +69,10 @@ class Neilfpp:
             "pixels": 8192,
             "surface_light_pixels": 8192,
             "directions": 256,
-            "rendered_directions": 512,
+            "rendered_directions": 2048,
             "traced": 8192,
             "width": 128,
-            "material_width": 512,
-            "layers": 8,
-            "rate": 0.002,
+            "finest": 512,
             "smooth_weight": 0.0005,
         },
     }

@@ -95,6 +95,5 @@ def reconstruction(problem: Problem, material: Material, light: Tensor) -> Shade
         renderer="split sum",
         environment=LatLongEnvironment(light),
         shader=shader,
-        points=4,
         light_rows=len(light),
     )

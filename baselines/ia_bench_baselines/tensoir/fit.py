@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 from torch import Tensor
 
@@ -21,13 +19,12 @@ from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussia
 from ia_bench_baselines.common.spherical_gaussians.sampling import draw_directions
 from ia_bench_baselines.tensoir.method import TensoirOptions
 from ia_bench_baselines.tensoir.model import Tensoir, arriving_light
-from ia_bench_baselines.tensoir.shading import reflect, stratified_directions
+from ia_bench_baselines.tensoir.shading import reflect
 
 LAST_RATE = 0.1  # to which all learning rates fall over a phase of both heads
 NEARBY = 0.01  # standard deviation of the distance over which material is to be smooth; the object's box is 2 wide
 FULL_SAMPLES = 128  # of a quality for which all directions are drawn
-POINTS = 2  # along a side of a pixel of a render
-POINTS_AT_ONCE = 256  # of a render: each looks into as many directions as there are cells
+POINTS_AT_ONCE = 256  # of a render: each looks into directions of its own
 
 
 class TensoirFit:
@@ -40,7 +37,8 @@ class TensoirFit:
     def __init__(self, problem: Problem, options: TensoirOptions, seed: int) -> None:
         """The model as it starts, drawn from ``seed``."""
         self._stage, self._options = problem.stage, options
-        self._pixels = TrainingPixels(problem)
+        self._side = problem.plan.subsamples
+        self._pixels = TrainingPixels(problem, self._side)
         vertices = torch.from_numpy(problem.scene.expect_mesh().vertices)
         corners = torch.stack([vertices.amin(0), vertices.amax(0)]).to(problem.device)
         self.model = Tensoir(options, corners, torch.Generator(device=problem.device).manual_seed(seed))
@@ -76,7 +74,7 @@ class TensoirFit:
         chosen = self._pixels.draw(self._options.radiance_pixels, generator)
         points, model = self._pixels.points(chosen), self.model
         seen = model.radiance(model.features(model.local(points.position)), points.view)
-        return self._error(seen, chosen) + self._options.variation_weight * model.tensor.variation()
+        return self._errors(seen, chosen).square().mean() + self._options.variation_weight * model.tensor.variation()
 
     def _joint_loss(self, step: int, generator: torch.Generator) -> Tensor:
         options, model = self._options, self.model
@@ -87,21 +85,29 @@ class TensoirFit:
         albedo, roughness = model.material(features, local)
 
         # ---- images of both heads ------------------------------------------------------------------------------
-        seen = self._error(model.radiance(features, points.view), chosen)
-        directions, solid_angles = stratified_directions(options.rows, generator)
-        light = arriving_light(self._stage, points, directions, model.light.lobes(), model)
-        shaded = self._error(reflect(points, albedo, roughness, directions, solid_angles, light), chosen)
+        seen = self._errors(model.radiance(features, points.view), chosen).square().mean()
+        twice = part_of(points, torch.arange(len(albedo), device=chosen.device).repeat(2))
+        colour, rough = albedo.repeat(2, 1), roughness.repeat(2, 1)
+        count = max(3, options.directions // 2 // self._side**2)
+        drawn = draw_directions(model.light.lobes(), twice, rough.detach(), count, generator)
+        shaded = reflect(twice, colour, rough, drawn.direction, drawn.weight, arriving_light(self._stage, twice, drawn, model))
+        first, second = (self._errors(half, chosen) for half in shaded.chunk(2))
 
         # ---- smoothness ----------------------------------------------------------------------------------------
         near = local + NEARBY * torch.randn(local.shape, generator=generator, device=local.device)
         others = model.material(model.features(near), near)
         smooth = sum(relative_change(a, b) for a, b in zip((albedo, roughness), others, strict=True))
-        return seen + options.brdf_weight * shaded + options.smooth_weight * smooth
+        return seen + options.brdf_weight * (first * second).mean() + options.smooth_weight * smooth
 
-    def _error(self, radiance: Tensor, chosen: Tensor) -> Tensor:
-        """The mean squared error in sRGB of linear radiance (N, 3) of the chosen pixels."""
+    def _errors(self, radiance: Tensor, chosen: Tensor) -> Tensor:
+        """The errors in sRGB of linear radiance (N S, 3) of the S points of each of the N chosen pixels.
+
+        Of two independent renders the mean product of errors is the squared error without the variance of either: noise would
+        otherwise be paid for by a rougher material and a smoother light.
+        """
+        radiance = radiance.unflatten(0, (len(chosen), -1)).mean(1)
         target = self._pixels.target(chosen, radiance).clamp(0, 1)  # the original takes images of 8 bits
-        return (linear_to_srgb(radiance.clamp(0, 1)) - linear_to_srgb(target)).square().mean()
+        return linear_to_srgb(radiance.clamp(0, 1)) - linear_to_srgb(target)
 
 
 def relative_change(first: Tensor, second: Tensor) -> Tensor:
@@ -140,12 +146,7 @@ def reconstruction(problem: Problem, model: Tensoir, size: int, options: Tensoir
             return head
         light = lobes if novel is None else fit_light(novel, options.lobes)
         share = min(quality.samples / FULL_SAMPLES, 1)  # what is asked for in passing, as for a curve, is drawn with fewer
-        count = max(1, round(share * options.rendered_directions / POINTS**2))  # of a point
-        rows = max(1, round(math.sqrt(share) * options.rows))
-
-        def draw() -> tuple[Tensor, Tensor]:
-            return stratified_directions(rows, generator) if novel is None else draw_directions(light, count, generator)
-
+        count = max(1, round(share * options.rendered_directions / quality.points**2))  # of a point
         generator = torch.Generator(device=problem.device).manual_seed(quality.seed)
 
         def radiance(points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
@@ -155,19 +156,18 @@ def reconstruction(problem: Problem, model: Tensoir, size: int, options: Tensoir
                 local = model.local(some.position)
                 colour, rough = model.material(model.features(local), local)
                 colour = colour if albedo_scale is None else colour * albedo_scale.to(colour)
-                directions, solid_angles = draw()
-                arriving = arriving_light(problem.stage.apart, some, directions, light, model if novel is None else None)
-                seen.append(reflect(some, colour, rough, directions, solid_angles, arriving))
+                drawn = draw_directions(light, some, rough, count, generator)
+                arriving = arriving_light(problem.stage.apart, some, drawn, model if novel is None else None)
+                seen.append(reflect(some, colour, rough, drawn.direction, drawn.weight, arriving))
             return torch.cat(seen)
 
         return radiance
 
-    renderer = "sums over stratified directions of spherical Gaussians"
+    renderer = "sums over directions of spherical Gaussians"
     return ShadedReconstruction(
         problem.stage,
         Material(albedo, roughness),
         renderer=renderer if options.head == "brdf" else f"radiance head; {renderer} under novel lights",
         environment=SphericalGaussianEnvironment(lobes),
         shader=shader,
-        points=POINTS,
     )

@@ -22,9 +22,8 @@ class TensoirOptions:
         fine_steps: Then steps of both on the fine one.
         radiance_pixels: In every step of the first phase, from all training views.
         pixels: In every later step.
-        rows: Of the lat-long grid in whose cells the directions of light are drawn, one a cell, twice as many columns. Of steps,
-            and of every point of a render under the recovered light.
-        rendered_directions: Of a pixel of a render under a novel light, drawn in proportion to it; its points share them out.
+        directions: Of light of every pixel of a step, half of them in each of two independent renders.
+        rendered_directions: Of a pixel of a render, shared out among its points.
         lobes: Spherical Gaussians of the light.
         coarse: Cells along a side of the tensor at first.
         fine: And in the last phase.
@@ -39,11 +38,11 @@ class TensoirOptions:
 
     head: Literal["brdf", "radiance"] = "brdf"
     radiance_steps: Number = 400
-    coarse_steps: Number = 300
-    fine_steps: Count = 300
-    radiance_pixels: Number = 2048
-    pixels: Number = 256
-    rows: Number = 16
+    coarse_steps: Number = 400
+    fine_steps: Count = 500
+    radiance_pixels: Number = 512
+    pixels: Number = 384
+    directions: Number = 48
     rendered_directions: Number = 512
     lobes: Number = 128
     coarse: Number = 64
@@ -76,7 +75,7 @@ class Tensoir:
             "coarse_steps": 25,
             "fine_steps": 5,
             "radiance_pixels": 512,
-            "rows": 8,
+            "directions": 24,
             "rendered_directions": 128,
             "coarse": 16,
             "fine": 24,

@@ -13,6 +13,7 @@ from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.stage import Stage
 from ia_bench_baselines.common.networks import encoded, initialise, perceptron, positional_encoding
 from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians, fibonacci_axes, lobe_integral
+from ia_bench_baselines.common.spherical_gaussians.sampling import Directions
 from ia_bench_baselines.tensoir.method import TensoirOptions
 
 PLANES = ((0, 1), (0, 2), (1, 2))  # the axes of each plane ...
@@ -149,25 +150,23 @@ class TrainedLight(nn.Module):
         return SphericalGaussians(normalize(self.axis), self.log_sharpness.exp(), self.log_amplitude.exp())
 
 
-def arriving_light(
-    stage: Stage, points: SurfacePoints, directions: Tensor, lobes: SphericalGaussians, reflections: Tensoir | None
-) -> Tensor:
-    """Radiance (N, D, 3) from directions (D, 3), through which gradients flow to the ``lobes`` alone.
+def arriving_light(stage: Stage, points: SurfacePoints, drawn: Directions, reflections: Tensoir | None) -> Tensor:
+    """Radiance (N, D, 3) along the drawn directions, through which gradients flow to the light alone.
 
     ``reflections``: the model whose radiance head tells what other parts of the object send; None for nothing, as under a light
-    that the head was not trained with. What is below a point's horizon is 0.
+    that the head was not trained with.
     """
-    every = directions.expand(len(points.position), -1, -1).contiguous()
-    above = points.normal @ directions.T > 0
-    face, barycentric, _ = stage.rays.intersect(points.position + stage.surface.offset * points.geometric, every, above)
-    free = above & (face < 0)
-    light = free[..., None] * lobes.radiance(directions)
+    above = drawn.weight > 0
+    face, barycentric, _ = stage.rays.intersect(
+        points.position + stage.surface.offset * points.geometric, drawn.direction.contiguous(), above
+    )
+    light = torch.where((above & (face < 0))[..., None], drawn.radiance, 0)
     if reflections is None:
         return light
-    point, direction = torch.nonzero(face >= 0, as_tuple=True)
+    point, which = torch.nonzero(face >= 0, as_tuple=True)
     with torch.no_grad():
-        normal, position = stage.surface.geometry(face[point, direction], barycentric[point, direction])
-        away = -directions[direction]
+        normal, position = stage.surface.geometry(face[point, which], barycentric[point, which])
+        away = -drawn.direction[point, which]
         sent = reflections.radiance(reflections.features(reflections.local(position)), away)
         sent = sent * ((normal * away).sum(1, keepdim=True) > 0)  # the back of a triangle sends nothing
-    return light.index_put((point, direction), sent)
+    return light.index_put((point, which), sent)

@@ -1,32 +1,83 @@
-"""Directions drawn in proportion to a light of spherical Gaussians, so that a narrow lobe is not missed by a few of them."""
+"""Directions of light at surface points, drawn so that neither a narrow lobe of the light nor a glossy one is missed by few."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from ia_bench.material.brdf import tangent_frame
-from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians, fibonacci_axes
+from ia_bench.material.brdf import dot, sample_visible_ggx, tangent_frame, visible_ggx_pdf
+from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
+
+DARK = 1e-20  # energy below which a light is drawn as if it had this much
 
 
-def draw_directions(lobes: SphericalGaussians, count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """``count`` directions (D, 3), their density as the light's mean over channels, and 1 / (D density) of each (D,).
+class Directions(NamedTuple):
+    """D directions of each of N points.
 
-    The lobes are M, the same for all points, none of them negative. They are visited in proportion to their energies, in even
-    steps from one random offset, so that each gets its share of the directions up to one. Black light is visited evenly.
+    Attributes:
+        direction: (N, D, 3), unit.
+        weight: (N, D), the solid angle that each stands for: sums over D of weight times values have the integral as their mean.
+            0 below the horizon of the shading normal.
+        radiance: (N, D, 3) that the light sends along them where nothing is in the way; differentiable in the light.
     """
-    device = lobes.axis.device
+
+    direction: Tensor
+    weight: Tensor
+    radiance: Tensor
+
+
+def draw_directions(
+    lobes: SphericalGaussians, points: SurfacePoints, roughness: Tensor, count: int, generator: torch.Generator
+) -> Directions:
+    """``count`` directions of each point, by three techniques of equal shares (balance heuristic, Veach and Guibas 1995).
+
+    In proportion to the light, whose M lobes are the same for all points and are visited in even steps in proportion to their
+    energies; to GGX of ``roughness`` (N, 1) by its visible normals; and to the cosine. No gradient passes through what is drawn.
+    """
+    numbers = [(count + 2 - technique) // 3 for technique in range(3)]
+    with torch.no_grad():
+        direction = _drawn(lobes, points, roughness, numbers, generator)
+        point, which = torch.nonzero((direction @ points.normal[..., None])[..., 0] > 0, as_tuple=True)
+        above = direction[point, which]
+    radiance = lobes.radiance(above)
+    with torch.no_grad():
+        by_light = radiance.mean(1, keepdim=True) / lobes.energy().mean(1).sum().clamp_min(DARK)
+        by_gloss = visible_ggx_pdf(points.normal[point], points.view[point], above, roughness[point])
+        by_cosine = dot(points.normal[point], above) / math.pi
+        density = torch.cat([by_light, by_gloss, by_cosine], 1) @ direction.new_tensor(numbers)
+        weight = direction.new_zeros(direction.shape[:2]).index_put((point, which), 1 / density)
+    return Directions(direction, weight, torch.zeros_like(direction).index_put((point, which), radiance))
+
+
+def _drawn(
+    lobes: SphericalGaussians, points: SurfacePoints, roughness: Tensor, numbers: list[int], generator: torch.Generator
+) -> Tensor:
+    """Directions (N, D, 3) of the three techniques, so many each."""
+    normal, view, device = points.normal, points.view, points.normal.device
+
+    def even(number: int, shape: tuple[int, ...]) -> Tensor:
+        """``number`` even steps from a random offset, in [0, 1)."""
+        return (torch.arange(number, device=device) + torch.rand(*shape, 1, generator=generator, device=device)) / number
+
+    def pairs(number: int) -> Tensor:
+        """(N, number, 2), the first even, the second independent of it."""
+        return torch.stack([even(number, (len(normal),)), torch.rand(len(normal), number, generator=generator, device=device)], -1)
+
     energy = lobes.energy().mean(1)
-    total = energy.sum()
-    if float(total) == 0:
-        return fibonacci_axes(count).to(device), torch.full((count,), 4 * math.pi / count, device=device)
-    offset = torch.rand(1, generator=generator, device=device)
-    steps = (torch.arange(count, device=device) + offset) / count
-    chosen = torch.searchsorted((energy / total).cumsum(0), steps).clamp_max(len(energy) - 1)
-    directions = directions_of_lobes(lobes.axis[chosen], lobes.sharpness[chosen], generator)
-    return directions, total / (count * lobes.radiance(directions).mean(1))
+    shares = (energy / energy.sum().clamp_min(DARK)).cumsum(0)
+    chosen = torch.searchsorted(shares, even(numbers[0], (len(normal),))).clamp_max(len(energy) - 1)
+    by_light = directions_of_lobes(lobes.axis[chosen], lobes.sharpness[chosen], generator)
+    by_gloss = sample_visible_ggx(normal[:, None], view[:, None], roughness[:, None], pairs(numbers[1]))
+    turn, height = pairs(numbers[2]).unbind(-1)
+    tangent, bitangent = tangent_frame(normal[:, None])
+    radius, azimuth = height.sqrt()[..., None], 2 * math.pi * turn[..., None]
+    across = radius * (azimuth.cos() * tangent + azimuth.sin() * bitangent)
+    by_cosine = across + (1 - height).sqrt()[..., None] * normal[:, None]
+    return torch.cat([by_light, by_gloss, by_cosine], 1)
 
 
 def directions_of_lobes(axis: Tensor, sharpness: Tensor, generator: torch.Generator) -> Tensor:
