@@ -79,6 +79,7 @@ class InvRender:
             "Visibility is traced, a ray a lobe, instead of learned by a network.",
             "Positions are encoded by 7 octaves instead of 10, as fine as these smaller images are.",
             "Networks have 128 units a layer, and phases have fewer steps of higher rates.",
+            "A pixel is the mean of its points, as a photograph has it.",
             "Logarithms of the light's sharpness and amplitude are fitted.",
             "What is metal in the scene is fitted as a dielectric.",
         ),
@@ -99,7 +100,7 @@ class InvRender:
         from ia_bench.methods.descent import Descent
         from ia_bench_baselines.invrender.fitting import Fitting
 
-        problem.stage  # noqa: B018 (made here, and booked as baking)
+        problem.plan  # noqa: B018 (made here with its stage, and booked as baking)
         started = time.perf_counter()
         fitting = Fitting(problem, self.options, seed)
         traced = time.perf_counter() - started

@@ -101,6 +101,8 @@ class Tensoir:
             "The tensor is refined once, not four times.",
             "The images of both heads weigh the same; the original gives those of the material a fifth.",
             "Sharpness and amplitude of the light are found by their logarithms, at a higher rate, in fewer steps.",
+            "A pixel is the mean of its points, as a photograph has it.",
+            "Directions are drawn by the light, the material and the cosine, not one in every cell of a grid.",
             "Novel lights are fitted by spherical Gaussians, as IntrinsicAnything has it; the released code samples them.",
         ),
     )
