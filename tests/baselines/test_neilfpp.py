@@ -19,7 +19,7 @@ from ia_bench_baselines.common.networks import positional_encoding
 from ia_bench_baselines.neilfpp.fields import FREQUENCIES, HashGrid, IncidentField
 from ia_bench_baselines.neilfpp.losses import OUTGOING_SHARE, second_hits, trace_loss
 from ia_bench_baselines.neilfpp.method import Neilfpp, NeilfppOptions
-from ia_bench_baselines.neilfpp.shading import reflect, sphere_directions
+from ia_bench_baselines.neilfpp.shading import quadrature, reflect, sphere_directions
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_material
 from tests.baselines.reflecting import Reflecting, points_at
 
@@ -47,7 +47,8 @@ def test_one_direction_is_the_brdf_in_float64(roughness: float, metallic: float)
     colour = torch.tensor([0.2, 0.5, 0.8])
     material = colour[None], torch.tensor([[roughness]]), torch.tensor([[metallic]])
     point = points_at(normal[None], view[None])
-    found = torch.cat([reflect(point, material, one[None], torch.ones(1, 1, 3)) for one in incident]) / (4 * math.pi)
+    one = torch.ones(1, 1)
+    found = torch.cat([reflect(point, material, way[None, None], one, torch.ones(1, 1, 3)) for way in incident])
     true = brute_force(normal.double(), view.double(), incident.double(), colour.double(), roughness, metallic)
     torch.testing.assert_close(found.double(), true, rtol=5e-3, atol=1e-5)
 
@@ -65,9 +66,11 @@ def test_many_directions_are_the_integral(roughness: float):
     area = row_solid_angles(rows, 2 * rows).repeat_interleave(2 * rows)
     value = brute_force(normal.double(), view.double(), grid, colour.double(), roughness, 0.3)
     true = (value * light(grid) * area[:, None]).sum(0)
-    directions = sphere_directions(2**14, torch.Generator().manual_seed(0))
     material = colour[None], torch.tensor([[roughness]]), torch.tensor([[0.3]])
-    found = reflect(points_at(normal[None], view[None]), material, directions, light(directions)[None])
+    point = points_at(normal[None], view[None])
+    around = quadrature(point, material[1], 2**14, 2**12, torch.Generator().manual_seed(0))
+    directions = around.of_points()
+    found = reflect(point, material, directions, around.weight, light(directions[0])[None])
     torch.testing.assert_close(found[0].double(), true, rtol=5e-3, atol=0)
 
 
@@ -152,7 +155,10 @@ def home_ground(tiny: Scene) -> tuple[Scene, Reflecting]:
 
     def shade(points: SurfacePoints, values: Tensor, directions: Tensor, light: Tensor) -> Tensor:
         colour, roughness, metallic = values.split((3, 1, 1), 1)
-        return reflect(points, (colour, roughness, metallic), directions, light)
+        every = directions.expand(len(light), -1, -1)
+        return reflect(
+            points, (colour, roughness, metallic), every, torch.full(every.shape[:2], 4 * math.pi / len(directions)), light
+        )
 
     material = smooth_material(metallic=True)
     truth = Reflecting(problem_of(tiny).stage, material, shade, lambda generator: sphere_directions(512, generator))

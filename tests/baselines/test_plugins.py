@@ -54,7 +54,9 @@ def tensoir(steps: int) -> Method:
 
 
 def neilfpp(steps: int) -> Method:
-    sizes = NeilfppOptions(surface_light_steps=2, material_steps=2, pixels=16, directions=16, rendered_directions=32, traced=32)
+    sizes = NeilfppOptions(
+        surface_light_steps=2, material_steps=2, pixels=16, directions=16, glossy=4, rendered_directions=32, traced=32
+    )
     return Neilfpp(replace(sizes, joint_steps=steps, width=16))
 
 

@@ -25,7 +25,7 @@ class Fitting:
     def __init__(self, problem: Problem, options: InvRenderOptions, seed: int) -> None:
         """Trace what sees what. Raises InputError where no training pixel shows the object alone."""
         self._options, self._stage = options, problem.stage
-        self._pixels = TrainingPixels(problem, problem.plan.subsamples)
+        self._pixels = TrainingPixels(problem)
         self._transport = Transport.of(problem.stage, options.atlas, options.directions)
         generator = torch.Generator().manual_seed(seed)
         self.model = InvRenderModel(problem.scene.expect_mesh(), options.width, options.octaves, generator).to(problem.device)
@@ -75,7 +75,7 @@ class Fitting:
         """L1 between the radiance field and the photographs, linear."""
         drawn = self._pixels.draw(self._options.pixels, generator)
         points = self._pixels.points(drawn)
-        found = self._mean(drawn, self.model.radiance(self.model.unit(points.position), points.normal, points.view))
+        found = self.model.radiance(self.model.unit(points.position), points.normal, points.view)
         return (found - self._pixels.target(drawn, found)).abs().sum(1).mean()
 
     def _of_indirect(self, step: int, generator: torch.Generator) -> Tensor:
@@ -105,14 +105,10 @@ class Fitting:
         (albedo, near_albedo), (roughness, near_roughness) = albedo.chunk(2), roughness.chunk(2)
         visibility = LobeVisibility(self._stage, generator)
         indirect = None if self._indirect is None else self._indirect.at(points.uv)
-        found = self._mean(drawn, shade(points, albedo, roughness, self.model.light(), visibility, indirect))
+        found = shade(points, albedo, roughness, self.model.light(), visibility, indirect)
         image = (found - self._pixels.target(drawn, found)).abs().sum(1).mean()
         change = (albedo - near_albedo).abs().mean() + (roughness - near_roughness).abs().mean()
         return image + options.sparsity * sparsity(code) + options.smoothness * change
-
-    def _mean(self, pixels: Tensor, values: Tensor) -> Tensor:
-        """The mean (N, 3) over the points of each of N pixels."""
-        return values.unflatten(0, (len(pixels), -1)).mean(1)
 
     @torch.no_grad()
     def _keep_indirect(self, done: int) -> None:

@@ -18,7 +18,7 @@ class InvRenderOptions:
         radiance_steps: Adam steps of the radiance field, which says what parts of the object send to each other.
         indirect_steps: Adam steps of the indirect light's spherical Gaussians; 0 leaves indirect light out.
         steps: Adam steps of material and light.
-        pixels: Training pixels of a step, of all views, each the mean of its points.
+        pixels: Training pixels of a step, of all views.
         texels: Surface points of a step of the indirect light.
         width: Of the hidden layers of all networks but the decoder.
         octaves: Of the encoding of positions; the last one's period is 2 pi / 2^(octaves - 1) of half the object's extent: with 7
@@ -35,8 +35,8 @@ class InvRenderOptions:
 
     radiance_steps: Number = 800
     indirect_steps: Count = 400
-    steps: Number = 1800
-    pixels: Number = 128
+    steps: Number = 2600
+    pixels: Number = 512
     texels: Number = 256
     width: Number = 128
     octaves: Number = 7
@@ -60,7 +60,7 @@ class InvRender:
     Options: ClassVar[type] = InvRenderOptions
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "smoke": {"radiance_steps": 8, "indirect_steps": 4, "steps": 8, "atlas": 32, "directions": 64, "texture": 64},
-        "full": {"radiance_steps": 3200, "indirect_steps": 1600, "steps": 7200},
+        "full": {"radiance_steps": 3200, "indirect_steps": 1600, "steps": 10_400},
         "paper": {
             "radiance_steps": 200000,
             "indirect_steps": 10000,
@@ -79,7 +79,6 @@ class InvRender:
             "Visibility is traced, a ray a lobe, instead of learned by a network.",
             "Positions are encoded by 7 octaves instead of 10, as fine as these smaller images are.",
             "Networks have 128 units a layer, and phases have fewer steps of higher rates.",
-            "A pixel is the mean of its points, as a photograph has it.",
             "Logarithms of the light's sharpness and amplitude are fitted.",
             "What is metal in the scene is fitted as a dielectric.",
         ),
@@ -100,7 +99,7 @@ class InvRender:
         from ia_bench.methods.descent import Descent
         from ia_bench_baselines.invrender.fitting import Fitting
 
-        problem.plan  # noqa: B018 (made here with its stage, and booked as baking)
+        problem.stage  # noqa: B018 (made here, and booked as baking)
         started = time.perf_counter()
         fitting = Fitting(problem, self.options, seed)
         traced = time.perf_counter() - started

@@ -11,7 +11,7 @@ from torch.nn.functional import embedding
 from ia_bench_baselines.common.networks import encoded, initialise, perceptron, positional_encoding
 from ia_bench_baselines.neilfpp.method import LEAST_ROUGHNESS, NeilfppOptions
 
-FREQUENCIES = 3  # of the encodings of directions, and of positions that incident light is found by
+FREQUENCIES = 4  # of the encodings of directions, and of positions that incident light is found by
 LAST = 1e-2  # bound of the last layer's weights at the start, so that a field starts nearly constant
 BRIGHTEST = 3.0  # radiance that the surface light field can reach
 PRIMES = (1, 2_654_435_761, 805_459_861)

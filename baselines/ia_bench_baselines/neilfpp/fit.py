@@ -19,7 +19,7 @@ from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, bake,
 from ia_bench_baselines.neilfpp.fields import HashGrid, Neilf
 from ia_bench_baselines.neilfpp.losses import scharr_edges, second_hits, smoothness, trace_loss
 from ia_bench_baselines.neilfpp.method import NeilfppOptions
-from ia_bench_baselines.neilfpp.shading import reflect, sphere_directions
+from ia_bench_baselines.neilfpp.shading import quadrature, reflect
 
 RATE_DROP = 0.2  # of the learning rate, after each third of the joint phase
 FULL_SAMPLES = 128  # of a quality for which all directions are drawn
@@ -88,20 +88,23 @@ class NeilfFit:
         points = self._pixels.points(chosen)
         local = neilf.local(points.position).requires_grad_()
         material = neilf.material(local)
-        directions = sphere_directions(options.directions, generator)
 
         # ---- image: light arrives at a pixel, and is reflected by each of its points --------------------------
         each = len(local) // len(chosen)
-        centre = local.detach()[::each]
-        above = (points.normal @ directions.T > 0).unflatten(0, (-1, each)).any(1)
-        pixel, direction = torch.nonzero(above, as_tuple=True)
-        incident = neilf.incident(centre, directions, pixel, direction)
-        arriving = spread(incident, pixel, direction, len(chosen), len(directions))
-        loss = self._error(reflect(points, material, directions, arriving.repeat_interleave(each, 0)), chosen)
+        first = torch.arange(0, len(local), each, device=local.device)
+        around = quadrature(part_of(points, first), material[1][first].detach(), options.directions, options.glossy, generator)
+        directions = around.of_points()
+        facing = directions.repeat_interleave(each, 0)
+        above = ((facing @ points.normal[..., None])[..., 0] > 0).unflatten(0, (-1, each)).any(1)
+        pixel, which = torch.nonzero(above, as_tuple=True)
+        incident = neilf.incident(local.detach()[first], around.directions, pixel, around.row[pixel, which])
+        arriving = torch.zeros_like(directions).index_put((pixel, which), incident).repeat_interleave(each, 0)
+        seen = reflect(points, material, facing, around.weight.repeat_interleave(each, 0), arriving)
+        loss = self._error(seen, chosen)
 
         # ---- light that comes from the object itself -----------------------------------------------------------
         some = torch.randint(len(pixel), (options.traced,), generator=generator, device=pixel.device)
-        start, along = pixel[some] * each, directions[direction[some]]
+        start, along = first[pixel[some]], directions[pixel[some], which[some]]
         hit, position = second_hits(self._stage, points.position[start], points.geometric[start], along)
         loss = loss + options.trace_weight * trace_loss(neilf, incident[some[hit]], position, along[hit], held=held)
 
@@ -125,16 +128,13 @@ def fit(problem: Problem, options: NeilfppOptions, *, seed: int, monitor: Monito
     size = problem.plan.texture
 
     def recovered() -> ShadedReconstruction:
-        return reconstruction(problem, fields.neilf, size, options.rendered_directions)
+        return reconstruction(problem, fields.neilf, size, options)
 
     return Descent(fields.neilf, fields.phases(), seed=seed, monitor=monitor).run(recovered)
 
 
-def reconstruction(problem: Problem, neilf: Neilf, size: int, directions: int) -> ShadedReconstruction:
-    """Textures of ``size`` that the reference renderer draws under novel lights, and the fields' own view synthesis.
-
-    ``directions``: over the sphere, of every pixel of a render, whose points share them out.
-    """
+def reconstruction(problem: Problem, neilf: Neilf, size: int, options: NeilfppOptions) -> ShadedReconstruction:
+    """Textures of ``size`` that the reference renderer draws under novel lights, and the fields' own view synthesis."""
     texels = bake(problem.stage, size, lambda position: torch.cat(neilf.material(neilf.local(position)), 1))
     colour, roughness, metallic = (part.contiguous() for part in texels.split((3, 1, 1), -1))
 
@@ -143,14 +143,16 @@ def reconstruction(problem: Problem, neilf: Neilf, size: int, directions: int) -
             return None
         generator = torch.Generator(device=problem.device).manual_seed(quality.seed)
         share = min(quality.samples / FULL_SAMPLES, 1)  # for a curve, fewer will do
-        count = max(8, round(share * directions / quality.points**2))
+        count, glossy = (
+            max(4, round(share * wanted / quality.points**2)) for wanted in (options.rendered_directions, options.rendered_glossy)
+        )
 
         def radiance(points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
             seen = torch.zeros_like(points.normal)
             parts = -(-len(seen) // POINTS_AT_ONCE)
             for first in range(parts):  # points of a pixel are neighbours: each is to have directions of its own
                 part = torch.arange(first, len(seen), parts, device=seen.device)
-                seen[part] = shade(neilf, part_of(points, part), sphere_directions(count, generator), albedo_scale)
+                seen[part] = shade(neilf, part_of(points, part), count, glossy, generator, albedo_scale)
             return seen
 
         return radiance
@@ -164,24 +166,16 @@ def reconstruction(problem: Problem, neilf: Neilf, size: int, directions: int) -
     )
 
 
-def shade(neilf: Neilf, points: SurfacePoints, directions: Tensor, albedo_scale: Tensor | None) -> Tensor:
-    """Radiance (N, 3) that the fields send from points toward the camera."""
+def shade(
+    neilf: Neilf, points: SurfacePoints, count: int, glossy: int, generator: torch.Generator, albedo_scale: Tensor | None
+) -> Tensor:
+    """Radiance (N, 3) that the fields send from points toward the camera, by ``count`` directions and ``glossy`` ones."""
     local = neilf.local(points.position)
     colour, roughness, metallic = neilf.material(local)
     colour = colour if albedo_scale is None else colour * albedo_scale.to(colour)
-    point, direction = pairs_above(points.normal, directions)
-    incident = neilf.incident(local, directions, point, direction)
-    light = spread(incident, point, direction, len(local), len(directions))
-    return reflect(points, (colour, roughness, metallic), directions, light)
-
-
-def pairs_above(normal: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
-    """Indices (K,) of the points and (K,) of the directions of all pairs of which the direction is above the point's horizon."""
-    point, direction = torch.nonzero(normal @ directions.T > 0, as_tuple=True)
-    return point, direction
-
-
-def spread(values: Tensor, point: Tensor, direction: Tensor, points: int, directions: int) -> Tensor:
-    """Values (K, 3) of pairs as (points, directions, 3), 0 for pairs that are not among them."""
-    flat = values.new_zeros(points * directions, 3).index_copy(0, point * directions + direction, values)
-    return flat.reshape(points, directions, 3)
+    around = quadrature(points, roughness, count, glossy, generator)
+    directions = around.of_points()
+    point, which = torch.nonzero((directions @ points.normal[..., None])[..., 0] > 0, as_tuple=True)
+    incident = neilf.incident(local, around.directions, point, around.row[point, which])
+    arriving = torch.zeros_like(directions).index_put((point, which), incident)
+    return reflect(points, (colour, roughness, metallic), directions, around.weight, arriving)

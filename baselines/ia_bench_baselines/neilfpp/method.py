@@ -23,7 +23,9 @@ class NeilfppOptions:
         pixels: In every step, from all training views.
         surface_light_pixels: In every step of the first phase, where a pixel is one evaluation of one network.
         directions: Of incident light over the whole sphere, shared by the pixels of a step; about half are above a horizon.
-        rendered_directions: The same, of a pixel of view synthesis, whose points share them out.
+        glossy: Directions of a pixel of a step beside these, by the gloss of its material.
+        rendered_directions: Directions over the sphere of a pixel of view synthesis, whose points share them out.
+        rendered_glossy: The same of those by the gloss.
         traced: Pairs of a pixel and a direction whose ray is traced in every step for the trace loss.
         width: Channels of a hidden layer of all networks.
         finest: Cells along a side of the finest level of the hash grids, over the object's ball.
@@ -36,11 +38,13 @@ class NeilfppOptions:
 
     surface_light_steps: Number = 600
     material_steps: Count = 100
-    joint_steps: Number = 900
+    joint_steps: Number = 1000
     pixels: Number = 256
     surface_light_pixels: Number = 256
-    directions: Number = 128
+    directions: Number = 96
+    glossy: Number = 16
     rendered_directions: Number = 1024
+    rendered_glossy: Number = 256
     traced: Number = 2048
     width: Number = 64
     finest: Number = 128

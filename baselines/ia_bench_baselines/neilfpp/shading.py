@@ -1,6 +1,6 @@
-"""What a point reflects: NeILF++'s material, summed over directions that are spread evenly over the sphere.
+"""What a point reflects: NeILF++'s material, summed over directions of which each stands for a solid angle.
 
-    radiance = 4 pi / D sum over d of ((1 - m) b / pi + D_r F V) L(x, w_d) max(n . w_d, 0)
+    radiance = sum over d of dOmega_d ((1 - m) b / pi + D_r F V) L(x, w_d) max(n . w_d, 0)
 
 D_r is the Gaussian exp(2 (n . h - 1) / r^4) / (pi r^4), F is Schlick's with F0 = .04 (1 - m) + m b, and V the product over both
 directions of .5 / (c (1 - r^2 / 2) + r^2 / 2), c the cosine to the normal.
@@ -9,15 +9,49 @@ directions of .5 / (c (1 - r^2 / 2) + r^2 / 2), c the cosine to the normal.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from ia_bench.material.brdf import F0, normalize
+from ia_bench.material.brdf import F0, normalize, sample_visible_ggx, visible_ggx_pdf
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench_baselines.common.spherical_gaussians.lobes import fibonacci_axes
 
 GRAZING = 1e-8  # added to the square of a half vector's length, which is 0 where light comes from behind
+
+
+class Quadrature(NamedTuple):
+    """D directions of each of N points, some of them shared.
+
+    Attributes:
+        directions: (A, 3), all of them.
+        row: (N, D), which of them each point looks into.
+        weight: (N, D), the solid angle that each stands for.
+    """
+
+    directions: Tensor
+    row: Tensor
+    weight: Tensor
+
+    def of_points(self) -> Tensor:
+        """The directions of each point, (N, D, 3)."""
+        return self.directions[self.row]
+
+
+@torch.no_grad()
+def quadrature(points: SurfacePoints, roughness: Tensor, shared: int, glossy: int, generator: torch.Generator) -> Quadrature:
+    """``shared`` directions over the sphere that all points look into, and ``glossy`` ones of each, by GGX (balance heuristic)."""
+    number, device = len(points.normal), points.normal.device
+    u = torch.rand(number, glossy, 2, generator=generator, device=device)
+    u[..., 0] = (torch.arange(glossy, device=device) + u[..., 0]) / max(glossy, 1)
+    normal, view, rough = points.normal[:, None], points.view[:, None], roughness[:, None]
+    own = sample_visible_ggx(normal, view, rough, u)
+    directions = torch.cat([sphere_directions(shared, generator), own.reshape(-1, 3)])
+    mine = shared + torch.arange(number * glossy, device=device).reshape(number, glossy)
+    row = torch.cat([torch.arange(shared, device=device).expand(number, -1), mine], 1)
+    density = shared / (4 * math.pi) + glossy * visible_ggx_pdf(normal, view, directions[row], rough)[..., 0]
+    return Quadrature(directions, row, 1 / density)
 
 
 def sphere_directions(count: int, generator: torch.Generator) -> Tensor:
@@ -38,36 +72,38 @@ def random_rotation(generator: torch.Generator) -> Tensor:
 
 
 def reflect(
-    points: SurfacePoints,
-    material: tuple[Tensor, Tensor, Tensor],
-    directions: Tensor,
-    light: Tensor,
+    points: SurfacePoints, material: tuple[Tensor, Tensor, Tensor], directions: Tensor, weights: Tensor, light: Tensor
 ) -> Tensor:
     """Radiance (N, 3) toward the camera.
 
     Args:
         points: N points.
         material: Base colour (N, 3), roughness (N, 1) and metal (N, 1).
-        directions: (D, 3), spread evenly over the sphere.
+        directions: (N, D, 3).
+        weights: (N, D), the solid angles that they stand for.
         light: (N, D, 3) radiance from them; what lies below the horizon does not count.
     """
     colour, roughness, metallic = material
-    cos_i = (points.normal @ directions.T).clamp_min(0)  # (N, D)
-    diffuse, glossy, grazing = (_weights(points, directions, roughness, cos_i) @ light).unbind(1)  # (N, 3) each
+    cosine = _cosines(points.normal, directions)
+    lobes = _lobes(points, directions, roughness, cosine) * (weights * cosine.clamp_min(0))[:, None]
+    diffuse, glossy, grazing = (lobes @ light).unbind(1)  # (N, 3) each
     at_normal = F0 * (1 - metallic) + metallic * colour
-    reflected = (1 - metallic) * colour / math.pi * diffuse + at_normal * glossy + (1 - at_normal) * grazing
-    return 4 * math.pi / len(directions) * reflected
+    return (1 - metallic) * colour / math.pi * diffuse + at_normal * glossy + (1 - at_normal) * grazing
 
 
-def _weights(points: SurfacePoints, directions: Tensor, roughness: Tensor, cos_i: Tensor) -> Tensor:
-    """(N, 3, D): the cosine, that times D_r V, and that times Schlick's (1 - o . h)^5."""
+def _lobes(points: SurfacePoints, directions: Tensor, roughness: Tensor, cos_i: Tensor) -> Tensor:
+    """(N, 3, D): 1, D_r V, and that times Schlick's (1 - o . h)^5."""
     cos_o = (points.normal * points.view).sum(1, keepdim=True).clamp_min(0)
-    cos_io = points.view @ directions.T
-    length = torch.sqrt((2 + 2 * cos_io).clamp_min(0) + GRAZING)
+    length = torch.sqrt((2 + 2 * _cosines(points.view, directions)).clamp_min(0) + GRAZING)
     cos_h = ((cos_i + cos_o) / length).clamp_max(1)  # of a float's rounding above 1
     schlick = (1 - length / 2).clamp_min(0) ** 5
     alpha = roughness * roughness
     distribution = torch.exp(2 * (cos_h - 1) / (alpha * alpha)) / (math.pi * alpha * alpha)
     k = alpha / 2
-    lobe = cos_i * distribution * (0.5 / (cos_i * (1 - k) + k)) * (0.5 / (cos_o * (1 - k) + k))
-    return torch.stack([cos_i, lobe, lobe * schlick], 1)
+    lobe = distribution * (0.5 / (cos_i.clamp_min(0) * (1 - k) + k)) * (0.5 / (cos_o * (1 - k) + k))
+    return torch.stack([torch.ones_like(lobe), lobe, lobe * schlick], 1)
+
+
+def _cosines(axis: Tensor, directions: Tensor) -> Tensor:
+    """Between unit vectors of N points (N, 3) and the directions of each (N, D, 3): (N, D)."""
+    return (directions @ axis[..., None])[..., 0]

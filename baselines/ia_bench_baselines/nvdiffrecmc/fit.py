@@ -9,11 +9,10 @@ from torch import Tensor
 
 from ia_bench.light.environment import Environment
 from ia_bench.light.latlong import SampledLight
-from ia_bench.material.brdf import MIN_ROUGHNESS, normalize
+from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.descent import Descent, Phase
-from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.renderer import PixelRadiance
 from ia_bench.render.stage import Stage
@@ -54,8 +53,7 @@ class Fit:
     def __init__(self, problem: Problem, options: NvdiffrecmcOptions, *, seed: int, monitor: Monitor) -> None:
         self._problem, self._options, self._seed = problem, options, seed
         with problem.costs.exclude("bake"):
-            self._side = problem.plan.subsamples
-            self._pixels = TrainingPixels(problem, self._side)
+            self._pixels = TrainingPixels(problem)
             self._views = [torch.nonzero(self._pixels.view == view)[:, 0] for view in range(len(problem.scene.train))]
             self._views = [pixels for pixels in self._views if len(pixels)]
             self._renderer = problem.stage.renderer(shadows="traced", bounces=0, coat="added")
@@ -96,10 +94,10 @@ class Fit:
         rendered = self._render(chosen, scene.light, generator)
 
         # ---- what reaches the surface, without its colour, and without noise ------------------------------------
-        colour = self._mean(self._diffuse_colour(points.uv))
+        colour = self._diffuse_colour(points.uv)
         demodulated = torch.cat([rendered.diffuse / colour, rendered.specular], -1)
         sigma = options.denoiser_width * min(1.0, (step + 1) / max(options.denoiser_steps, 1))
-        matt, glossy = denoise(demodulated, self._guides(chosen, points), sigma).split(3, -1)
+        matt, glossy = denoise(demodulated, self._guides(chosen, points.normal, points.position), sigma).split(3, -1)
 
         # ---- image and regularisers -----------------------------------------------------------------------------
         seen = matt * colour + glossy
@@ -123,16 +121,11 @@ class Fit:
         albedo, _, metallic = self._scene.at(uv)
         return albedo * (1 - metallic)
 
-    def _mean(self, values: Tensor) -> Tensor:
-        """The mean (N, C) over the points of each of N pixels."""
-        return values.unflatten(0, (-1, self._side**2)).mean(1)
-
-    def _guides(self, pixels: Tensor, points: SurfacePoints) -> Guides:
+    def _guides(self, pixels: Tensor, normal: Tensor, position: Tensor) -> Guides:
         buffer, entries = self._pixels.gbuffer, self._pixels.entries[pixels]
         _, height, width = buffer.shape
         place = buffer.pixel[entries] % (height * width)
-        depth = (self._mean(points.position) - buffer.seen_from(entries)).norm(dim=-1, keepdim=True)
-        normal = normalize(self._mean(points.normal))
+        depth = (position - buffer.seen_from(entries)).norm(dim=-1, keepdim=True)
         return Guides(place // width, place % width, normal, depth, (height, width))
 
     def _recovered(self) -> DirectReconstruction:
