@@ -1,6 +1,6 @@
 """Where the time of scoring one finished run goes: CPU seconds of each part, one thread.
 
-    python benchmarks/scoring.py RUN_FOLDER... [--scene FOLDER]
+    python benchmarks/scoring.py RUN_FOLDER... [--scene FOLDER] [--protocol paper-v3]
 
 The parts are functions of the package, seen by Python's profiler; "other" is what is left of the total. A row of a run's curve
 and all of its scores are measured apart, and a first row too, which reads the baked indirect light and traces what it looks at.
@@ -22,8 +22,8 @@ from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.renderer import Renderer, texture_images
 from ia_bench.render.stage import Stage
 from ia_bench.runs.recovered import Recovered
-from ia_bench.scores import comparison, metrics
-from ia_bench.scores.protocol import Protocol
+from ia_bench.scores import comparison, error_split, metrics
+from ia_bench.scores.protocol import Protocol, shipped
 from ia_bench.scores.scorer import Scorer
 
 PARTS: dict[str, Callable[..., object]] = {
@@ -36,6 +36,8 @@ PARTS: dict[str, Callable[..., object]] = {
     "SSIM": metrics.ssim,
     "loading LPIPS": metrics.load,
     "LPIPS": metrics.lpips,
+    "surface of the split": error_split.Shown.of,
+    "split of the error": error_split.split,
 }
 
 
@@ -56,12 +58,12 @@ def parts(action: Callable[[], object]) -> dict[str, float]:
     return {**found, "other": total - sum(found.values()), "total": total}
 
 
-def measure(run: Path, scene_folder: Path | None) -> dict[str, dict[str, float]]:
+def measure(run: Path, scene_folder: Path | None, protocol: Protocol) -> dict[str, dict[str, float]]:
     """The parts of a first row of the curve, of another one, and of all scores."""
     recovered = Recovered(run)
     scene = recovered.read_scene(scene_folder)
     device = torch.device("cpu")
-    scorer = Scorer(scene, Protocol(), device)
+    scorer = Scorer(scene, protocol, device)
     reconstruction = recovered.reconstruction(Stage(scene.expect_mesh(), device))
     return {
         "first row of a curve": parts(lambda: scorer.quick(reconstruction)),
@@ -75,10 +77,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN_FOLDER", help="a finished run")
     parser.add_argument("--scene", type=Path, help="folder of the runs' scene, if it is not a shipped one")
+    parser.add_argument("--protocol", default="paper-v2", help="a protocol of conf/protocol (default: paper-v2)")
     wanted = parser.parse_args()
     run_as_a_run(1)
     for run in wanted.runs:
-        columns = measure(run, wanted.scene)
+        columns = measure(run, wanted.scene, shipped(wanted.protocol))
         print(f"\n| {run} | {' | '.join(columns)} |\n| :--- |{' ---: |' * len(columns)}")
         for part in next(iter(columns.values())):
             print(f"| {part} | {' | '.join(f'{column[part]:.2f}' for column in columns.values())} |", flush=True)
