@@ -228,7 +228,7 @@ class Scorer:
         def rendered(light: str, half: int) -> Images | None:
             views, quality = (
                 self._novel[light][::stride],
-                Quality(protocol.render_points, samples // halves, halves * protocol.seed + half),
+                Quality(protocol.render_points, max(1, samples // halves), halves * protocol.seed + half),
             )
             cameras, given = [view.camera for view in views], self._lights.get(light)
             images = reconstruction.render(cameras, light=given, albedo_scale=asked[light], quality=quality)
@@ -246,9 +246,7 @@ class Scorer:
         pictures = {name: images for name in asked if (images := rendered(name, 0)) is not None}
         for name in pictures if halves == 2 else ():  # one half after the other, for lights share what a half's rays meet
             other = rendered(name, 1)
-            pictures[name] = both = pictures[name] if other is None else pictures[name].averaged(other)
-            if both.spread is None:
-                break  # nothing is random in this renderer
+            pictures[name] = pictures[name] if other is None else pictures[name].averaged(other)
         view_synthesis = pictures.pop("train", None)
         own = reconstruction.environment
         light = _pictures_of(own, ball_pictures) if truth.light is not None else None
