@@ -41,13 +41,15 @@ class Clock:
     Attributes:
         capture: The capture's label.
         reference: The row that all others are compared with.
-        costs: Row -> its seconds over the reference's, of the rows that were run and whose seconds compare.
+        rows: All rows that were run.
+        costs: Row -> its seconds over the reference's, of those whose seconds compare.
         curve: Those of them that are the reference with more work, the reference among them, the cheapest first.
         ranked: Those of them that may stand on a Pareto front, since they do not see the truth.
     """
 
     capture: str
     reference: str
+    rows: tuple[str, ...]
     costs: Mapping[str, float]
     curve: tuple[str, ...]
     ranked: frozenset[str]
@@ -144,6 +146,7 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
     seconds where every run has them, else what the table states, else wall-clock seconds.
     """
     done = finished(runs)
+    there = [row for row in done["row"].unique() if row not in BOUNDS]
     if "declared" in done:  # somebody's seconds, on a machine of theirs
         done = done[done["declared"].isna()]
     done = done[(done["seconds"] > 0) & ~done["row"].isin([*BOUNDS])]
@@ -155,16 +158,16 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
         labels = [capture_of(one).label for one in table.captures] if table.reference else []
         known = [(label, crossed_name(str(table.reference), label), [row.name for row in table.rows]) for label in labels]
     else:
-        known = [("", reference, list(spent))] if reference else []
+        known = [("", reference, there)] if reference else []
     clocks = []
     for label, first, names in known:
-        rows = [crossed_name(name, label) for name in names]
+        rows = tuple(row for name in names if (row := crossed_name(name, label)) in there)
         costs = {row: cost for row in rows if (cost := _cost(spent, row, first, stated if counted == STATED else None)) is not None}
         if first in costs:
             curve = sorted({first, *(crossed_name(name, label) for name in table.curve)} & costs.keys(), key=costs.__getitem__)
-            clocks.append(Clock(label, first, costs, tuple(curve), blind))
+            clocks.append(Clock(label, first, rows, costs, tuple(curve), blind))
     measured = done[done["row"].isin([row for clock in clocks for row in clock.costs])]
-    clocks = [clock for clock in clocks if len(clock.costs) > 1]
+    clocks = [clock for clock in clocks if len(clock.rows) > 1]
     return Timing(counted, _unequal(measured, counted), tuple(clocks)) if clocks else None
 
 
@@ -229,7 +232,7 @@ def compared(runs: Runs, time: Timing, metric: Metric) -> dict[str, Compared]:
     for clock in time.clocks:
         means = clock.scores(scores, metric)
         front = clock.front(means, metric)
-        for row in clock.costs:
+        for row in clock.rows:
             pairs = better(scores, row, clock.reference, metric), clock.equal(scores, row, metric)
             found[row] = Compared(*pairs, clock.beyond(row), row in front, means.get(row))
     return found
@@ -245,8 +248,8 @@ def seconds_table(runs: Runs, time: Timing, scenes: int) -> Printed:
     found = {metric: compared(runs, time, metric) for metric in WORTH_METRICS}
     body: list[list[Entry | str]] = []
     for clock in time.clocks:
-        for row, cost in clock.costs.items():
-            cells: list[Entry | str] = [row, f"{cost:.2f}"]
+        for row in clock.rows:
+            cells: list[Entry | str] = [row, f"{clock.costs[row]:.2f}" if row in clock.costs else "–"]
             for metric, rows in found.items():
                 told = [difference_text(rows[row].gain, metric, scenes), equal_text(rows[row], metric, scenes)]
                 cells += [*(["–", "–"] if row == clock.reference else told), "yes" if rows[row].front else ""]
@@ -259,10 +262,10 @@ def seconds_records(runs: Runs, time: Timing) -> Iterable[Record]:
     """Lines of seconds.csv: every row in each of WORTH_METRICS."""
     for metric in WORTH_METRICS:
         found = compared(runs, time, metric)
-        for clock, row in [(one, row) for one in time.clocks for row in one.costs]:
+        for clock, row in [(one, row) for one in time.clocks for row in one.rows]:
             one = found[row]
             label = {"capture": clock.capture, "row": row, "reference": clock.reference, "metric": metric.key}
-            costs = {"counted": time.counted, "cost": clock.costs[row], "score": one.score, "front": one.front}
+            costs = {"counted": time.counted, "cost": clock.costs.get(row), "score": one.score, "front": one.front}
             line: Record = {**label, **costs, "beyond_curve": one.beyond}
             for name, pairs in (("gain", one.gain), ("equal_seconds", one.equal)):
                 seeds, wider = pairs.over_seeds, pairs.over_scenes

@@ -147,6 +147,8 @@ def test_seconds_of_others_and_rows_without_a_run_of_the_reference_are_left_out(
         run("ours", "falls", 0, 30.0) | {"row": "brought", "declared": "yes"},
     ]
     assert set(clocked(more).clocks[0].costs) == set(SPENT)
+    lines = {cells[0]: cells[1:4] for cells in seconds_table(as_table(more), clocked(more), 2).body}
+    assert lines["brought"] == ["–", "+10.00 (1/2)", "–"], "what it gains is known all the same"
     assert timing(as_table(records()), replace(TABLE, reference=None), None) is None
     assert timing(as_table(records(seconds=0.0)), TABLE, "none") is None
 
