@@ -55,6 +55,18 @@ def test_under_an_even_light_the_irradiance_is_the_ambient_visibility_and_a_whit
         assert ((left > 0.9) & (left < 1)).all()
 
 
+def test_a_lamp_lights_what_faces_it_and_is_mirrored_there():
+    lamp = torch.zeros(1, banks.HEIGHT, banks.WIDTH, 3)
+    lamp[0, 20, 37] = 1
+    normal = banks.texel_centres(16, 32).reshape(1, -1, 3)
+    count = normal.shape[1]
+    one, sky = torch.ones(1, count, 1), torch.full((1, count, DIRECTIONS // 8), 255, dtype=torch.uint8)
+    shaded = Shader(torch.device("cpu"))(filtered(lamp).float(), normal, normal, sky, one.expand(-1, -1, 3), 0.4 * one, one)
+    toward = banks.texel_centres(banks.HEIGHT, banks.WIDTH)[20, 37]
+    for light in shaded[:2]:
+        assert normal[0, light[0, :, 0].argmax()] @ toward > np.cos(np.radians(9))
+
+
 def test_a_filtered_light_keeps_its_mean_and_gets_smoother():
     light = banks.procedural_light(np.random.default_rng(3))
     maps = filtered(light[None])[0].float()
