@@ -28,3 +28,4 @@ def _name(text: str) -> str:
 
 
 Name = Annotated[str, AfterValidator(_name)]  # of a row or a scene: it stands in folders' names and in lines of tables
+NameIfAny = Annotated[str, AfterValidator(lambda text: text and _name(text))]  # empty: whoever knows a better one gives it

@@ -13,11 +13,11 @@ from pydantic import Field
 
 from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.common import registry
-from ia_bench.common.errors import Fault, InputError, unknown
+from ia_bench.common.errors import Fault, InputError, printable, unknown
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import expect_memory
 from ia_bench.common.paths import MORE_SCENES, PACKAGE, SCENES_VARIABLE, conf_folder, scenes_folders
-from ia_bench.common.ranges import NO_NUMBER, NumberOrAuto
+from ia_bench.common.ranges import NO_NUMBER, Name, NameIfAny, NumberOrAuto
 from ia_bench.common.settings import check_arguments, defaults_of, merged, parsed
 from ia_bench.methods.info import AUTO, check_declarations
 from ia_bench.render.settings import RenderSettings
@@ -31,7 +31,7 @@ DEFAULT_METHOD = "two_stage"  # of conf/config.yaml
 class SceneConfig:
     """A scene: ``path`` is the folder that the reader is given, None for the shipped scene ``name``."""
 
-    name: str = ""
+    name: NameIfAny = ""
     path: str | None = None
 
 
@@ -114,7 +114,7 @@ class RunConfig:
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     device: Literal["auto", "cpu", "cuda"] = "auto"
     threads: Annotated[int, Field(ge=1)] | None = None
-    row: str | None = None
+    row: Name | None = None
     out: Annotated[str, Field(min_length=1)] | None = None
     command: tuple[str, ...] = field(default=(), compare=False)
 
@@ -156,7 +156,7 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
         made: object = None
         with suppress(InputError, Fault):  # a folder that is none of its format: told when the scene is read
             made = registry.create("reader", reader.name, reader.target, reader.options, Path(scene.path))
-        scene = replace(scene, name=getattr(made, "label", Path(scene.path).name))
+        scene = replace(scene, name=printable(getattr(made, "label", Path(scene.path).name)))
     return replace(
         config,
         scene=scene,

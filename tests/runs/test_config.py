@@ -139,6 +139,8 @@ def test_another_reader_needs_no_folder(monkeypatch: pytest.MonkeyPatch, tmp_pat
         ("fit.regularise=[parsimoni]", "unknown regulariser 'parsimoni'; did you mean 'parsimony'"),
         ("fit.regularise=[symmetry,symmetry]", "fit.regularise: expected each name once, found symmetry, symmetry"),
         ("fit.regulariser_options.symmetry.amount=1", "unknown regulariser in 'fit.regulariser_options.symmetry'"),
+        (f"row={'b' * 201}", "row: expected a name of 1 to 200 printable characters, found"),
+        (f"scene.name={'a' * 5000}", "scene.name: expected a name of 1 to 200 printable characters, found"),
         ("out=''", "out: expected some text, found ''"),
         ("scene=3", "unknown scene '3'. There are: "),
         ("+prior=true", "unknown prior 'true'. There are: "),
