@@ -46,7 +46,7 @@ def checked_result(name: str, result: Any) -> Result:  # noqa: ANN401 (whatever 
     """``result`` with numbers of Python's own, if it is what the contract says."""
     who = f"method {name}: fit()"
     if not isinstance(result, Result):
-        raise PluginError(f"{who}: expected {Result.__module__}.Result, found {type(result).__name__}")
+        raise PluginError(f"{who}: expected ia_bench.methods.contract.Result, found {type(result).__name__}")
     seconds = {what: float(value) for what, value in _numbers(f"{who}: seconds", result.seconds, Real)}
     counters = {what: int(value) for what, value in _numbers(f"{who}: counters", result.counters, Integral)}
     ((_, steps),) = _numbers(who, {"steps": result.steps}, Integral)

@@ -46,7 +46,7 @@ def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Reco
         for view in scene.train
     )
     told = {"name": scene.name, "source": scene.source, "mesh": scene.mesh, "notes": (), "metallic": scene.metallic}
-    told |= {"exposures_differ": False, "expect_mesh": scene.expect_mesh}
+    told |= {"exposures_differ": False, "expect_mesh": scene.expect_mesh, "turning": None}
     blind = trap({**told, "train": views}, "scene")
     with pytest.raises(AssertionError, match="training read view.albedo"):
         _ = views[0].albedo
