@@ -132,7 +132,7 @@ def test_a_mark_beside_the_pareto_front_tells_its_row_and_leads_to_its_numbers(p
 
 
 def test_gains_stand_in_the_table_and_sort_by_the_largest(page: Any) -> None:
-    gains = [page.locator("#scope-0 tr[data-row='grey'] td").nth(place).inner_text().split(" ")[0] for place in (-5, -4)]
+    gains = [page.locator("#scope-0 tr[data-row='grey'] td").nth(place).inner_text().split()[0] for place in (-5, -4)]
     assert gains == ["+4.00", "+4.00"]
     page.locator("#scope-0 [data-sort='gain']").click()
     assert rows(page)[0] == "grey"
