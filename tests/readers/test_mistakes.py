@@ -31,7 +31,6 @@ Mistakes = dict[str, tuple[Spoil, str]]
 """By name: what is done to a folder, and what has to be said of it (a regular expression)."""
 
 
-# ---------------------------------------------------------------- how folders are spoiled
 def gone(name: str) -> Spoil:
     def spoil(folder: Path) -> None:
         path = folder / name
@@ -148,7 +147,6 @@ SQUEEZED = np.array([[0, 0, 0, 0, 32.0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0]])
 HUGE_HEADER = b"\x93NUMPY\x01\x00\x76\x00" + b"{'descr':'<f8','fortran_order':False,'shape':(1000000,1000000,3)}".ljust(117) + b"\n"
 """Of a file of three thousand billion numbers, none of which is there."""
 
-# ---------------------------------------------------------------- the tables
 AXES = r"look away from it; usually OpenCV's axes .* are exchanged"
 RADIANS = "expected radians between 0 and pi, found 38"
 MESH = "expected the mesh to cover the masks of the images"
