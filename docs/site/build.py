@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+TOP = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
 FOLDERS = ("docs", "datasets", "examples", "baselines", "training", "ia_bench")
 LINK = re.compile(r"\]\(([^()\s#]+)[^()\s]*\)")
 
@@ -20,7 +21,7 @@ LINK = re.compile(r"\]\(([^()\s#]+)[^()\s]*\)")
 def documents(root: Path) -> list[Path]:
     """All Markdown files of the repository that belong to it."""
     below = sorted(path for folder in FOLDERS for path in (root / folder).rglob("*.md"))
-    return [path for path in (root / "README.md", root / "CHANGELOG.md") if path.is_file()] + below
+    return [path for name in TOP if (path := root / name).is_file()] + below
 
 
 def linked(document: Path) -> list[Path]:

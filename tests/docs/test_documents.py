@@ -19,7 +19,7 @@ from ia_bench.cli.main import COMMANDS
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("docs", "datasets", "examples", "baselines", "training", "ia_bench", "benchmarks")
 BELOW = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))
-DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *BELOW]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", *BELOW]
 WRITTEN = [path for path in DOCUMENTS if not path.is_relative_to(ROOT / "docs" / "results")]
 CURRENT = [path for path in WRITTEN if "log" not in path.parts]  # the log names files as they were called at the time
 LONGEST = 160  # characters of a line; the aim is about 100
