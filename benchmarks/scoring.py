@@ -1,6 +1,6 @@
 """Where the time of scoring one finished run goes: CPU seconds of each part, one thread.
 
-    python benchmarks/scoring.py RUN_FOLDER... [--scene FOLDER] [--protocol paper-v3]
+    python benchmarks/scoring.py RUN_FOLDER... [--scene FOLDER] [--protocol paper-v2]
 
 The parts are functions of the package, seen by Python's profiler; "other" is what is left of the total. A row of a run's curve
 and all of its scores are measured apart, and a first row too, which reads the baked indirect light and traces what it looks at.
@@ -77,7 +77,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN_FOLDER", help="a finished run")
     parser.add_argument("--scene", type=Path, help="folder of the runs' scene, if it is not a shipped one")
-    parser.add_argument("--protocol", default="paper-v2", help="a protocol of conf/protocol (default: paper-v2)")
+    parser.add_argument("--protocol", default=Protocol.name, help="a protocol of conf/protocol (default: %(default)s)")
     wanted = parser.parse_args()
     run_as_a_run(1)
     for run in wanted.runs:

@@ -16,6 +16,7 @@ from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.runs.folder import folders_among
 from ia_bench.runs.record import METRICS_FILE
+from ia_bench.scores.protocol import Protocol
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -23,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="ia-bench rescore", description=__doc__, allow_abbrev=False)
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help="folders that are searched for finished runs")
     parser.add_argument("--out", type=Path, required=True, help="folder of the new run folders; what is in it already is kept")
-    parser.add_argument("--protocol", default="paper-v2", help="a protocol of conf/protocol (default: paper-v2)")
+    parser.add_argument("--protocol", default=Protocol.name, help="a protocol of conf/protocol (default: %(default)s)")
     parser.add_argument("--scene", type=Path, help="folder of the runs' scene, if it is no longer where they found it")
     parser.add_argument("--threads", type=at_least(1), default=len(os.sched_getaffinity(0)), help="CPU threads (default: all)")
     wanted = parser.parse_args(arguments)

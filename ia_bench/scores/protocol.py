@@ -81,7 +81,7 @@ class LpipsSettings:
 
 @dataclass(frozen=True)
 class ComparisonSettings:
-    """What of two pictures is compared. The defaults are paper-v2's, under which all but ``area`` mean nothing.
+    """What of two pictures is compared. The defaults are the paper's, under which all but ``area`` mean nothing.
 
     Attributes:
         area: Means are taken over the object's pixels, or over the whole image, with the object over a background.
@@ -113,7 +113,7 @@ class ComparisonSettings:
 
 @dataclass(frozen=True)
 class Protocol:
-    """How a reconstruction becomes numbers. The defaults are the protocol ``paper-v2``.
+    """How a reconstruction becomes numbers. The defaults are the protocol ``paper-v3``.
 
     Attributes:
         name: Put before everything else in the label.
@@ -128,13 +128,14 @@ class Protocol:
         render_points: Points along a side of a pixel of a view-synthesis or relighting render.
         samples_per_pixel: Directions of light that a pixel of such a render adds up.
         curve_stride: The curve during a run looks at every such view ...
-        curve_samples: ... with at most so many samples a pixel.
+        curve_samples: ... with at most so many samples a pixel ...
+        curve_lights: ... under the first so many novel lights of the scene, None for all.
         seed: Of the directions; the same for every run, whatever its own seed.
     """
 
-    name: str = "paper-v2"
-    version: Literal[2, 3] = 2
-    noise: Literal["kept", "subtracted"] = "kept"
+    name: str = "paper-v3"
+    version: Literal[2, 3] = 3
+    noise: Literal["kept", "subtracted"] = "subtracted"
     albedo_encoding: Encoding = "srgb"
     radiance_encoding: Encoding = "srgb"
     alignment: AlignmentName = "mean_rgb"
@@ -142,8 +143,9 @@ class Protocol:
     map_points: Count = 8
     render_points: Count = 4
     samples_per_pixel: Count = 128
-    curve_stride: Count = 4
-    curve_samples: Count = 32
+    curve_stride: Count = 8
+    curve_samples: Count = 64
+    curve_lights: Count | None = 1
     seed: Annotated[int, Field(ge=0)] = 0
     ssim: SsimSettings = field(default_factory=SsimSettings)
     lpips: LpipsSettings = field(default_factory=LpipsSettings)
@@ -161,7 +163,7 @@ class Protocol:
         """The name, the LPIPS net, and all that differs from the shipped protocol of that name: numbers compare under one label.
 
         >>> Protocol(samples_per_pixel=64).label
-        'paper-v2 (lpips.net=squeeze, samples_per_pixel=64)'
+        'paper-v3 (lpips.net=squeeze, samples_per_pixel=64)'
         """
         default, mine = flat(asdict(shipped(self.name))), flat(asdict(self))
         decisive = [key for key in mine if key not in ("name", "lpips.weights")]  # where weights lie decides nothing
@@ -172,6 +174,8 @@ class Protocol:
         """Everything that decides the numbers, settings and fixed rules alike, for storing beside them (JSON types)."""
         ssim = {name: value for name, value in asdict(self.ssim).items() if value != getattr(SsimSettings, name) or name == "sigma"}
         known = {name: value for name, value in asdict(self).items() if name not in ("comparison", "noise")}
+        if self.curve_lights is None:  # as former protocols were described, whose hash stays
+            del known["curve_lights"]
         rules = {} if self.comparison.area == "object" else WHOLE_IMAGE_RULES
         if self.noise == "subtracted":
             rules = {"noise": NOISE_RULE, **rules}
@@ -204,6 +208,6 @@ class Protocol:
 
 @cache
 def shipped(name: str) -> Protocol:
-    """The protocol that ``conf/protocol/NAME.yaml`` describes, paper-v2 where there is no such file."""
+    """The protocol that ``conf/protocol/NAME.yaml`` describes, paper-v3 where there is no such file."""
     path = conf_folder() / "protocol" / f"{name}.yaml"
     return parsed(Protocol, read_yaml(path)) if is_file(path) else Protocol()

@@ -188,7 +188,7 @@ class Scorer:
     def quick(self, reconstruction: Reconstruction) -> dict[str, float | None]:
         """The metric columns of curve.csv, from a fixed subset of the views."""
         stride, samples = self._protocol.curve_stride, min(self._protocol.curve_samples, self._protocol.samples_per_pixel)
-        truth = _without_light(self._truth(stride))
+        truth = _without_light(self._truth(stride, self._protocol.curve_lights))
         own = self._predict(reconstruction, truth, stride, samples)
         exported = self._exported(reconstruction) if own.relighting is None else None
         if exported is not None:
@@ -196,14 +196,14 @@ class Scorer:
             own = replace(own, relighting=self._predict(exported, wanted, stride, samples).relighting)
         return score_quick(own, truth, self._protocol)
 
-    def _truth(self, stride: int) -> Predictions:
-        """The truth of every ``stride``-th view, None for what the scene does not have."""
-        test = self._scene.test[::stride]
+    def _truth(self, stride: int, lights: int | None = None) -> Predictions:
+        """The truth of every ``stride``-th view, under the first ``lights``; None for what the scene does not have."""
+        test, names = self._scene.test[::stride], list(self._lights)[:lights]
         return Predictions(
             albedo=_true(test, "albedo"),
             roughness=_true(test, "roughness"),
             view_synthesis=_true(self._novel.get("train", ())[::stride], "image"),
-            relighting={name: images for name in self._lights if (images := _true(self._novel[name][::stride], "image"))} or None,
+            relighting={name: images for name in names if (images := _true(self._novel[name][::stride], "image"))} or None,
             light=_pictures_of(self._train_light, ball_pictures),
             log_light=_pictures_of(self._train_light, log_radiance),
         )

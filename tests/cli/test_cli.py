@@ -53,7 +53,7 @@ def test_mistake_is_one_message(mistake: str, expected: str, capfd: pytest.Captu
 def test_run_prints_its_numbers_and_is_never_repeated(capfd: pytest.CaptureFixture[str]) -> None:
     assert call("seed=3") == 0
     first = capfd.readouterr()
-    assert "none, scene hat, seed 3, protocol paper-v2 (lpips.net=squeeze):\n  albedo          psnr 23" in first.out
+    assert "none, scene hat, seed 3, protocol paper-v3 (lpips.net=squeeze):\n  albedo          psnr 23" in first.out
     assert "stage 1: 40/40, loss 0.025" in first.err
     (folder,) = Path("runs/hat").iterdir()
     assert folder.name.startswith("none-")

@@ -107,6 +107,6 @@ def test_a_run_with_a_renderer_of_its_own_is_not_scored_by_another(run: Path, tm
     assert record["renderer"] == "ia_bench reference"
     record["renderer"] = "split sum; under novel lights ia_bench reference"
     (folder / "metrics.json").write_text(json.dumps(record))
-    with pytest.raises(InputError, match="found split sum; .*: its own renderer is gone; run it again with protocol=paper-v2$"):
+    with pytest.raises(InputError, match="found split sum; .*: its own renderer is gone; run it again with protocol=paper-v3$"):
         Rescorer(small(), tmp_path / "new").rescore(folder)
     assert not list((tmp_path / "new").rglob("metrics.json"))

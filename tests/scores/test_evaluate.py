@@ -82,7 +82,7 @@ def test_the_dictionary_has_the_documented_keys_and_is_json(guess: Predictions, 
         "view_synthesis_whole_image": {"psnr"},
         "relighting_whole_image": {"psnr"},
     }
-    assert stored["protocol"] == "paper-v2 (lpips.net=squeeze)"
+    assert stored["protocol"] == "paper-v3 (lpips.net=squeeze)"
     assert stored["protocol_description"]["alignment"] == "mean_rgb"
     lacking = ("light.", "log_light.", "albedo_error.")  # the made-up truth has no light and no mesh
     assert all(key.startswith(lacking) for key in stored["reasons"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from pathlib import Path
 
 import pytest
@@ -9,16 +11,21 @@ import yaml
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.settings import parsed
-from ia_bench.scores.protocol import LpipsSettings, Protocol, SsimSettings
+from ia_bench.scores.protocol import LpipsSettings, Protocol, SsimSettings, shipped
 
 
 def test_the_configuration_file_of_the_papers_protocol_is_the_defaults() -> None:
-    shipped = yaml.safe_load((Path(__file__).parents[2] / "conf/protocol/paper-v2.yaml").read_text())
-    assert parsed(Protocol, shipped) == Protocol()
+    written = yaml.safe_load((Path(__file__).parents[2] / "conf/protocol/paper-v3.yaml").read_text())
+    assert parsed(Protocol, written) == Protocol()
+
+
+def test_the_protocol_of_the_published_tables_is_described_as_ever() -> None:
+    content = json.dumps(shipped("paper-v2").describe(), sort_keys=True).encode()
+    assert hashlib.sha256(content).hexdigest()[:12] == "aa9ce6a4d15c"  # of commit 497615e0, part of every protocol_hash
 
 
 def test_nested_settings_are_read_and_change_the_label() -> None:
-    protocol = parsed(Protocol, {"name": "mine", "version": 2, "lpips": {"net": "vgg"}, "ssim": {"sigma": 2}})
+    protocol = parsed(Protocol, {"name": "mine", "version": 3, "lpips": {"net": "vgg"}, "ssim": {"sigma": 2}})
     assert protocol == Protocol(name="mine", lpips=LpipsSettings(net="vgg"), ssim=SsimSettings(sigma=2.0))
     assert protocol.label == "mine (lpips.net=vgg, ssim.sigma=2.0)"
 
