@@ -36,7 +36,7 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         raise InputError(f"capture.tolerated={settings.tolerated}: expected fewer than the {len(train)} photographs that are taken")
     normals = []
     if settings.geometry == "sdf" and settings.sdf.normals != "none":
-        from ia_bench.capture.normals import given_normals
+        from ia_bench.capture.shapes import given_normals
 
         normals = given_normals(settings.sdf.normals, train)
     train = of_one_size(train)
@@ -68,10 +68,7 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
 
 
 def _agreeing(views: tuple[View, ...], settings: CaptureSettings, note: Callable[[str], None], begin: Begin) -> tuple[View, ...]:
-    """The views with poses and masks that agree better, by a hull that tolerates as many wrong ones as DOUBTS says.
-
-    Raises OpenHullError where a hull that tolerates ``capture.tolerated`` is open, too.
-    """
+    """The views with poses and masks that agree better, by a hull that tolerates as many wrong ones as DOUBTS says."""
     from ia_bench.geometry.consistency import consistent
     from ia_bench.geometry.hull import OpenHullError
 
@@ -84,10 +81,7 @@ def _agreeing(views: tuple[View, ...], settings: CaptureSettings, note: Callable
 
 
 def _saturated_share(before: Sequence[View], after: Sequence[View]) -> float:
-    """The part of the object's pixels that were known ``before`` the views were photographed, and not ``after``: clipped ones.
-
-    What else makes a pixel unknown (a reader, masks that are put right, a margin) is not counted.
-    """
+    """The part of the object's pixels that were known ``before`` the views were photographed, and not ``after``: clipped ones."""
     covered = [view.mask > 0 for view in after]
     pairs = zip(before, after, covered, strict=True)
     lost = sum(int((old.known & ~new.known & inside).sum()) for old, new, inside in pairs)

@@ -139,7 +139,7 @@ def _on_tiny(arguments: Sequence[str]) -> tuple[RunConfig, Scene, Callable[[Scen
     short = [f"{key}={value}" for key, value in SHORT.items() if key not in given]
     config = compose([*arguments, *short, "device=cpu"])
     limit_threads(config.threads or 1)
-    from ia_bench.methods.costs import CostTracker  # brings in torch, as what follows
+    from ia_bench.methods.monitor import CostTracker  # brings in torch, as what follows
     from ia_bench.runs.run import problem_of
 
     scene, info = captured_scene(config, lambda _: None), method_of(config).info

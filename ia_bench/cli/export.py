@@ -85,7 +85,7 @@ def _export(wanted: argparse.Namespace) -> int:
         say(f"{out}: {scene.name} as {wanted.format}; it is read back by", sys.stdout)
         say(f"  ia-bench check reader={form.reader} scene.path={out}{values}", sys.stdout)
         return OK
-    from ia_bench.priors.for_networks import ABOUT, README, write_photographs
+    from ia_bench.priors.files import ABOUT, README, write_photographs
 
     write_photographs(out, scene.train, size=wanted.size, background=wanted.background, crop=wanted.crop)
     size = f"{wanted.size} x {wanted.size}" if wanted.size else "as large as the photographs"

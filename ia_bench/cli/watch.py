@@ -16,8 +16,7 @@ from pathlib import Path
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, say, status_of
 from ia_bench.common.paths import make_writable
-from ia_bench.report.site.live import findings_so_far, key_of, write_news
-from ia_bench.report.site.page import PARTS, write_page
+from ia_bench.report.site.page import PARTS, findings_so_far, key_of, write_news, write_page
 from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, WAITING, Overview, look
 from ia_bench.runs.table import Table, load_table, title_of
 

@@ -13,9 +13,8 @@ from torch import Tensor
 from ia_bench.common.exit_codes import log
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.info import HeldOut, MethodInfo
-from ia_bench.methods.monitor import Monitor, Result
+from ia_bench.methods.monitor import CostTracker, Monitor, Result
 from ia_bench.methods.photographs import Photographs
 from ia_bench.methods.plan import Plan, choose_prior_views, make_plan
 from ia_bench.methods.views import evenly_spread

@@ -1,8 +1,11 @@
-"""How a loop of steps talks to the outside, and what it ends with: the part of the contract that needs no renderer."""
+"""How a method talks to the outside, what it ends with, and what a run spends: the part of the contract that needs no renderer."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +14,11 @@ from ia_bench.common.progress import ProgressBar, unseen
 
 if TYPE_CHECKING:
     from ia_bench.render.reconstruction import Reconstruction
+
+OF_THE_FIT = ("bake",)
+"""Entries whose seconds are a cost of the fit all the same."""
+NOT_OF_THE_ROW = ("total", "score", "pictures", "capture")
+"""Phases of a run that are none of its method."""
 
 
 @dataclass(frozen=True)
@@ -62,3 +70,70 @@ class Monitor:
         """A monitor that shows and keeps nothing, but for the ``parts`` that are given."""
         nothing = {name: lambda *_: None for name in ("note", "score", "save", "load")}
         return cls(**{"task": lambda name, steps, done: unseen(name, steps), **nothing, **parts})
+
+
+class CostTracker:
+    """The accounts of one run, those of the processes before an interruption included.
+
+    What is spent inside an :meth:`exclude` block, on baking or on scoring, is no cost of the fit: its seconds go into an entry of
+    their own and its counts into none. Of CPU seconds baking is a part. A block inside another one belongs to the outer one.
+
+    Attributes:
+        seconds: Entry -> seconds.
+        cpu_left_out: CPU seconds that are none of the fit's; negative for what it has spent in earlier processes.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._count: Callable[[], Mapping[str, int]] = dict
+        self._left_out: Counter[str] = Counter()  # of what is counted; negative for what earlier processes had counted
+        self._inside = False
+        self._started = time.perf_counter()
+        self.cpu_left_out = time.process_time()
+
+    def watch(self, count: Callable[[], Mapping[str, int]]) -> None:
+        """Counts come from ``count`` from now on: name -> how many so far."""
+        self._count = count
+
+    @contextmanager
+    def exclude(self, entry: str) -> Iterator[None]:
+        """Book what happens inside under ``entry``."""
+        if self._inside:
+            yield
+            return
+        self._inside, before = True, Counter(self._count())
+        started, cpu_started = time.perf_counter(), time.process_time()
+        try:
+            yield
+        finally:
+            self._inside = False
+            self.seconds[entry] = self.seconds.get(entry, 0.0) + time.perf_counter() - started
+            if entry not in OF_THE_FIT:
+                self.cpu_left_out += time.process_time() - cpu_started
+            self._left_out.update(self._count())
+            self._left_out.subtract(before)
+
+    def counts(self) -> dict[str, int]:
+        """Name -> how many the fit has taken."""
+        return {name: count - self._left_out[name] for name, count in self._count().items()}
+
+    def total(self) -> float:
+        """Seconds of the whole run."""
+        return time.perf_counter() - self._started
+
+    def cpu_seconds(self) -> float:
+        """CPU seconds of all threads of the fit, baking included; what else runs on the machine hardly changes them."""
+        return time.process_time() - self.cpu_left_out
+
+    def state(self) -> dict[str, Any]:
+        """For a checkpoint."""
+        done = {"total": self.total(), "cpu_seconds": self.cpu_seconds()}
+        return {"seconds": dict(self.seconds), "counts": self.counts(), **done}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from :meth:`state`; what this process has done so far repeated what is in it already."""
+        self.seconds = dict(state["seconds"])
+        self._started = time.perf_counter() - state["total"]
+        self.cpu_left_out = time.process_time() - state["cpu_seconds"]
+        self._left_out = Counter(self._count())
+        self._left_out.subtract(state["counts"])

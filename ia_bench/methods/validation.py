@@ -20,8 +20,8 @@ from ia_bench.common.settings import check_fields
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Coupling, Method, Monitor, Problem, Regulariser, Result
-from ia_bench.methods.costs import NOT_OF_THE_ROW, OF_THE_FIT
-from ia_bench.priors.validation import MOST
+from ia_bench.methods.monitor import NOT_OF_THE_ROW, OF_THE_FIT
+from ia_bench.priors.validation import MOST, check_numbers
 from ia_bench.readers.contract import BRIGHTEST, ROUNDING
 from ia_bench.render.reconstruction import Assets, Reconstruction, TexturedReconstruction
 from ia_bench.scenes.images import Images
@@ -211,28 +211,15 @@ def _numbers(who: str, values: Any, kind: type) -> Iterator[tuple[str, Any]]:  #
 
 
 def _values(what: str, value: Any, shape: str, device: str = "", most: float | None = None) -> None:  # noqa: ANN401
-    """Raise PluginError unless ``value`` has that ``shape``, of which the first two numbers are sides, and is finite float32.
-
-    It must be a tensor of that ``device`` without gradient, or, where there is none, an array; and, but for rounding, from 0 to
-    ``most``, None: whatever else will see to its range.
-    """
-    library: Any = torch if device else np
-    if not issubclass(type(value), Tensor if device else np.ndarray):
-        raise PluginError(f"{what}: expected {'a tensor' if device else 'an array'}, found {type(value).__name__}")
-    facts = [("type", "float32", str(value.dtype).removeprefix("torch."))]
-    if device:
-        facts += [("layout", "strided", str(value.layout).removeprefix("torch."))]
-        facts += [("device", device.replace("meta", "cpu"), value.device.type), ("gradient", "False", str(value.requires_grad))]
-    for fact, expected, found in facts:
-        if found != expected:
-            raise PluginError(f"{what}: expected {fact} {expected}, found {found}")
+    """Raise PluginError unless ``value`` is finite, has that ``shape`` of sides and channels, and lies in 0 to ``most``."""
+    check_numbers(what, value, device.replace("meta", "cpu"))
     sides, sizes = tuple(value.shape), shape.strip("()").split(", ")
     fits = len(sides) == len(sizes) and [str(size) for size in sides[2:]] == sizes[2:] and min(sides) > 0
     if not fits or sides[1] != sides[0] * (2 if sizes[1].startswith("2") else 1):
         raise PluginError(f"{what}: expected shape {shape}, found {sides}")
     if max(sides[:2]) > LARGEST_SIDE:
         raise PluginError(f"{what}: expected at most {LARGEST_SIDE} texels a side, found {sides}")
-    bad = int((~library.isfinite(value)).sum())
+    bad = int((~(torch if device else np).isfinite(value)).sum())
     if bad:
         raise PluginError(f"{what}: expected finite values, found NaN or Inf in {bad} of {math.prod(sides)}")
     least, largest = float(value.min()), float(value.max())

@@ -22,7 +22,7 @@ from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.diffusion.framing import box_of
 from ia_bench.priors.diffusion.learned import RegressorPrior, weights_folder
 from ia_bench.priors.inputs import Device, Precision, check_views
-from ia_bench.priors.weight_files import fill, read_description, save_weights
+from ia_bench.priors.weight_files import fill, read_description
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 
 DESCRIPTION, WEIGHTS = "refiner.json", "refiner.safetensors"
@@ -249,11 +249,6 @@ class _Block(nn.Module):
         """(N, C, H, W) of the same."""
         changed: Tensor = values + self.second(F.silu(self.first(F.silu(self.norm(values)))))
         return changed
-
-
-def save_refiner(folder: Path, network: RefinerNetwork, provenance: dict[str, Any]) -> None:
-    """Write ``network`` to ``folder``; see :func:`ia_bench.priors.weight_files.save_weights`."""
-    save_weights(folder, DESCRIPTION, network.config, {WEIGHTS: network}, provenance)
 
 
 def load_refiner(folder: Path) -> RefinerNetwork:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -111,21 +112,26 @@ def beyond_a_material(samples: Samples, masks: Tensor) -> str | None:
 
 def _tensor(what: str, value: Any, shape: tuple[int, ...], *, endless: bool = False) -> Tensor:  # noqa: ANN401
     """A copy of ``value``, if it is a plain float32 tensor of ``shape`` on the CPU; ``endless``: which may hold Inf."""
-    if not isinstance(value, Tensor):
-        raise PluginError(f"{what}: expected a tensor, found {type(value).__name__}")
-    for kind, expected, found in (
-        ("type", torch.float32, value.dtype),
-        ("layout", torch.strided, value.layout),
-        ("shape", shape, tuple(value.shape)),
-        ("device", "cpu", value.device.type),
-        ("gradient", False, value.requires_grad),
-    ):
-        if found != expected:
-            raise PluginError(f"{what}: expected {kind} {expected}, found {found}")
+    check_numbers(what, value, "cpu")
+    if tuple(value.shape) != shape:
+        raise PluginError(f"{what}: expected shape {shape}, found {tuple(value.shape)}")
     bad = int((value.isnan() if endless else ~value.isfinite()).sum())
     if bad:
         raise PluginError(f"{what}: expected finite values, found NaN or Inf in {bad} of {value.numel()}")
     return value.clone(memory_format=torch.contiguous_format)
+
+
+def check_numbers(what: str, value: Any, device: str) -> None:  # noqa: ANN401 (whatever a plug-in gave)
+    """Raise PluginError unless ``value`` is a plain float32 tensor of the ``device`` without gradient, or with none an array."""
+    if not isinstance(value, Tensor if device else np.ndarray):
+        raise PluginError(f"{what}: expected {'a tensor' if device else 'an array'}, found {type(value).__name__}")
+    facts: list[tuple[str, object, object]] = [("type", "float32", value.dtype)]
+    if isinstance(value, Tensor):
+        facts += [("layout", "strided", value.layout), ("device", device, value.device.type)]
+        facts += [("gradient", False, value.requires_grad)]
+    for fact, expected, found in facts:
+        if str(found).removeprefix("torch.") != str(expected):
+            raise PluginError(f"{what}: expected {fact} {expected}, found {str(found).removeprefix('torch.')}")
 
 
 def _copied(renders: Mapping[str, Tensor] | None) -> dict[str, Tensor] | None:

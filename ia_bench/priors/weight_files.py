@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
-import json
-import os
-import shutil
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 from torch import nn
 
 from ia_bench.common.errors import InputError
@@ -22,34 +18,6 @@ from ia_bench.common.settings import parsed
 
 FORMAT = 1
 Config = TypeVar("Config")
-
-
-def save_weights(
-    folder: Path,
-    description: str,
-    config: Any,  # noqa: ANN401 (a dataclass)
-    modules: Mapping[str, nn.Module],
-    provenance: Mapping[str, Any],
-    more: Callable[[Path], object] = lambda folder: None,
-) -> None:
-    """Write ``modules``, by the file that holds each, to ``folder``; an older version there is replaced whole.
-
-    ``description``: name of the JSON file with the network's ``config`` and its ``provenance`` (data, steps, seconds, machine,
-    figures). ``more`` writes whatever else belongs there, into the folder that it is given.
-    """
-    partial, old = (folder.with_name(f".{folder.name}.{what}") for what in ("partial", "old"))
-    shutil.rmtree(partial, ignore_errors=True)
-    for name, module in modules.items():
-        (partial / name).parent.mkdir(parents=True, exist_ok=True)
-        save_file({key: value.half().contiguous() for key, value in module.state_dict().items()}, partial / name)
-    more(partial)
-    described = {"format": FORMAT, "network": dataclasses.asdict(config), "provenance": provenance}
-    (partial / description).write_text(json.dumps(described, indent=2) + "\n")
-    shutil.rmtree(old, ignore_errors=True)
-    if folder.exists():
-        os.replace(folder, old)
-    os.replace(partial, folder)
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def read_description(path: Path, kind: type[Config]) -> tuple[Config, dict[str, Any]]:

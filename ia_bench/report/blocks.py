@@ -118,4 +118,4 @@ def _leader(runs: Runs, lines: Sequence[Line], metric: Metric, scenes: int) -> L
         return None
     ranked.sort(key=lambda entry: -entry[1].mean if metric.higher_is_better else entry[1].mean)
     (row, value), second = ranked[0], ranked[1][0] if len(ranked) > 1 else None
-    return Leader(row, value, second, better(side_by_side(runs, metric), row, second or row, metric), scenes)
+    return Leader(row, value, second, better(side_by_side(runs, metric.column), row, second or row, metric), scenes)

@@ -1,27 +1,32 @@
-"""Error against run time: the curve.csv of a run, and one figure per scene with every metric over seconds of optimisation.
+"""Error against run time: the curve.csv of a run, one figure per scene with every metric over seconds, and score against seconds.
 
 matplotlib is imported when a figure is drawn.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.scores.metrics import CURVE_METRICS, Metric
+from ia_bench.scores.metrics import CURVE_METRICS, METRIC_OF, Metric
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 DASHES = ("-", (0, (5, 1.5)), (0, (5, 1, 1, 1)))  # in turn, so that rows of like colours differ; with ten colours, 30 rows
+CAPTURES = 4  # that a picture shows at most
+PLACES = (((6, -9), "left"), ((6, 4), "left"), ((-6, 4), "right"), ((-6, -9), "right"))
+"""Where a point's name may stand: beside other names the next place is taken."""
+NEAR = (0.3, 0.04)  # shares of what costs (their logarithms) and scores span within which names would meet
 
 
 @dataclass(frozen=True)
@@ -136,10 +141,7 @@ def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Curve]]) ->
 
 
 def _draw_seeds(panel: Axes, points: list[tuple[np.ndarray, np.ndarray]], style: dict) -> None:
-    """Draw one row: the mean of its seeds at common times, and their range.
-
-    Seeds without a span of time in common, one alone or some that were scored once, are drawn as they were measured.
-    """
+    """Draw one row: mean and range of its seeds at common times; those without a span of time in common as they were measured."""
     first, last = max(seconds[0] for seconds, _ in points), min(seconds[-1] for seconds, _ in points)
     if len(points) == 1 or last <= first:
         for seconds, seen in points:
@@ -149,3 +151,56 @@ def _draw_seeds(panel: Axes, points: list[tuple[np.ndarray, np.ndarray]], style:
     values = np.array([np.interp(np.log(times), np.log(seconds), seen) for seconds, seen in points])
     panel.plot(times, values.mean(axis=0), linewidth=1.5, **style)
     panel.fill_between(times, values.min(axis=0), values.max(axis=0), color=style["color"], alpha=0.2, linewidth=0)
+
+
+# ---- which rows nobody beats in less time ----
+
+
+def draw_pareto(found: list[dict[str, Any]]) -> Figure | None:
+    """A panel for every capture and metric of :func:`ia_bench.report.seconds.points`; None where no row has a score."""
+    keys = [METRIC_OF[key] for key in dict.fromkeys(key for one in found for row in one["rows"] for key in row["scores"])]
+    if not keys:
+        return None
+    from matplotlib.figure import Figure
+
+    shown = found[:CAPTURES]
+    figure = Figure(figsize=(6.2 * len(keys), 4.2 * len(shown)), layout="constrained")
+    for line, one in zip(figure.subplots(len(shown), len(keys), squeeze=False), shown, strict=True):
+        for panel, metric in zip(line, keys, strict=True):
+            _draw_front(panel, metric, one)
+    return figure
+
+
+def _draw_front(panel: Axes, metric: Metric, one: dict[str, Any]) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    rows = [row for row in one["rows"] if metric.key in row["scores"]]
+    front = [row for row in rows if metric.key in row["front"]]
+    curve: list[dict[str, Any]] = []
+    for row in rows:
+        if row["curve"] and (not curve or row["scores"][metric.key] > curve[-1]["scores"][metric.key]):
+            curve.append(row)
+    lines = {"Pareto front": front, f"{plain(one['reference'])} with more work": curve}
+    looks: list[dict[str, Any]] = [{"drawstyle": "steps-post", "color": "0.3"}, {"color": "C1", "linestyle": "--"}]
+    for (label, some), look in zip(lines.items(), looks, strict=True):
+        scores = [row["scores"][metric.key] for row in some]
+        panel.plot([row["cost"] for row in some], scores, label=label, linewidth=1.2, **look)
+    ends = np.array([(math.log(row["cost"]), row["scores"][metric.key]) for row in rows])
+    near = NEAR * np.maximum(np.ptp(ends, axis=0), 1e-9)
+    for place, row in enumerate(rows):
+        at, fill = (row["cost"], row["scores"][metric.key]), "full" if row in front else "none"
+        look = {"color": "C1" if row["curve"] else "C0", "fillstyle": fill, "markersize": 6, "zorder": 3}
+        panel.plot(*at, "o", **look)
+        others = (np.abs(ends[:place] - ends[place]) <= near).all(axis=1).sum()
+        offset, side = PLACES[others % len(PLACES)]
+        panel.annotate(plain(row["name"]), at, xytext=offset, ha=side, textcoords="offset points", fontsize=7.5, color="0.25")
+    panel.set(xscale="log", xlabel=f"seconds of a fit, times those of {plain(one['reference'])}", ylabel="dB")
+    named = [f"{metric.group} {metric.label}", *([plain(one["capture"])] if one["capture"] else [])]
+    panel.set_title(", ".join(named), fontsize=10)
+    panel.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
+    panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    panel.xaxis.set_minor_formatter(NullFormatter())
+    panel.margins(x=0.18, y=0.12)
+    panel.legend(fontsize=8, frameon=False, loc="best")
+    panel.grid(which="major", color="0.9", linewidth=0.8)
+    panel.spines[["top", "right"]].set_visible(False)

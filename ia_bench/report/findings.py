@@ -68,7 +68,7 @@ class Findings:
     @cached_property
     def differences(self) -> dict[str, dict[str, Paired]]:
         """Row -> metric -> row minus ``reference``; nothing without one."""
-        scores = {metric.key: side_by_side(self.runs, metric) for metric in MEASURED}
+        scores = {metric.key: side_by_side(self.runs, metric.column) for metric in MEASURED}
         rows = [row for row in self.rows if self.reference not in (None, row)]
         return {row: {key: paired(table, row, str(self.reference)) for key, table in scores.items()} for row in rows}
 
@@ -223,10 +223,7 @@ def _ordered(first: Sequence[str], found: Iterable[str]) -> tuple[str, ...]:
 
 
 def _mixed_rows(runs: Runs) -> list[str]:
-    """A sentence for every row whose runs differ in more than scene and seed, naming the settings and their values.
-
-    A run whose folder holds no configuration, as of one that only a runs.csv knows, is passed over.
-    """
+    """A sentence for every row whose runs, as far as folders hold their configurations, differ in more than scene and seed."""
     found = []
     for row, folders in runs.groupby("row", sort=False)["folder"]:
         setups = [setup for folder in folders.unique() if (setup := setup_of(folder)) is not None]

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ia_bench.report.collect import Record, Runs, finished
-from ia_bench.report.statistics import Paired, Scores, better, side_by_side
+from ia_bench.report.statistics import Paired, Scores, better, holm, side_by_side
 from ia_bench.report.table import BOUNDS, Entry, Printed, difference_text
 from ia_bench.runs.table import Table, capture_of, crossed_name
 from ia_bench.scores.metrics import METRIC_OF, Metric
@@ -152,7 +152,7 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
     done = done[(done["seconds"] > 0) & ~done["row"].isin([*BOUNDS])]
     stated = {row.name: row.cost for row in table.crossed_rows if row.cost is not None}
     counted = CPU if len(done) and (done["cpu_seconds"] > 0).all() else STATED if stated else WALL
-    spent = _spent(done, "cpu_seconds" if counted == CPU else "seconds")
+    spent = side_by_side(done, "cpu_seconds" if counted == CPU else "seconds")
     blind = frozenset(done["row"]) - set(done.loc[done["sees_truth"].eq(True), "row"])
     if table.captures:
         labels = [capture_of(one).label for one in table.captures] if table.reference else []
@@ -169,13 +169,6 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
     measured = done[done["row"].isin([row for clock in clocks for row in clock.costs])]
     clocks = [clock for clock in clocks if len(clock.rows) > 1]
     return Timing(counted, _unequal(measured, counted), tuple(clocks)) if clocks else None
-
-
-def _spent(done: Runs, column: str) -> dict[str, dict[tuple[str, int], float]]:
-    found: dict[str, dict[tuple[str, int], float]] = {}
-    for row, scene, seed, value in zip(*(done[name].tolist() for name in ("row", "scene", "seed", column)), strict=True):
-        found.setdefault(row, {})[scene, seed] = value
-    return found
 
 
 def _cost(spent: Scores, row: str, reference: str, stated: Mapping[str, float] | None) -> float | None:
@@ -228,7 +221,7 @@ class Compared:
 
 def compared(runs: Runs, time: Timing, metric: Metric) -> dict[str, Compared]:
     """Row -> what it is beside its reference, capture after capture."""
-    scores, found = side_by_side(runs, metric), {}
+    scores, found = side_by_side(runs, metric.column), {}
     for clock in time.clocks:
         means = clock.scores(scores, metric)
         front = clock.front(means, metric)
@@ -236,11 +229,6 @@ def compared(runs: Runs, time: Timing, metric: Metric) -> dict[str, Compared]:
             pairs = better(scores, row, clock.reference, metric), clock.equal(scores, row, metric)
             found[row] = Compared(*pairs, clock.beyond(row), row in front, means.get(row))
     return found
-
-
-def equal_text(one: Compared, metric: Metric, scenes: int) -> str:
-    """The gain at equal seconds with its intervals, and BEYOND."""
-    return difference_text(one.equal, metric, scenes) + (f" {BEYOND}" if one.beyond and one.equal.count else "")
 
 
 def seconds_table(runs: Runs, time: Timing, scenes: int) -> Printed:
@@ -251,17 +239,21 @@ def seconds_table(runs: Runs, time: Timing, scenes: int) -> Printed:
         for row in clock.rows:
             cells: list[Entry | str] = [row, f"{clock.costs[row]:.2f}" if row in clock.costs else "–"]
             for metric, rows in found.items():
-                told = [difference_text(rows[row].gain, metric, scenes), equal_text(rows[row], metric, scenes)]
-                cells += [*(["–", "–"] if row == clock.reference else told), "yes" if rows[row].front else ""]
+                one = rows[row]
+                late = f" {BEYOND}" if one.beyond and one.equal.count else ""
+                told = [difference_text(one.gain, metric, scenes), difference_text(one.equal, metric, scenes) + late]
+                cells += [*(["–", "–"] if row == clock.reference else told), "yes" if one.front else ""]
             body.append(cells)
     heads = [f"{metric.group} {metric.label}: {what}" for metric in WORTH_METRICS for what in ("gain", "at equal seconds", "front")]
     return Printed(["Row", f"Seconds / {time.clocks[0].short(time.clocks[0].reference)}", *heads], body)
 
 
 def seconds_records(runs: Runs, time: Timing) -> Iterable[Record]:
-    """Lines of seconds.csv: every row in each of WORTH_METRICS."""
+    """Lines of seconds.csv: every row in each of WORTH_METRICS; what is decided at equal seconds is so among all in a metric."""
     for metric in WORTH_METRICS:
         found = compared(runs, time, metric)
+        judged = [row for clock in time.clocks for row in clock.rows if row not in clock.curve]
+        survivors = dict(zip(judged, holm([found[row].equal.p_value for row in judged]), strict=True))
         for clock, row in [(one, row) for one in time.clocks for row in one.rows]:
             one = found[row]
             label = {"capture": clock.capture, "row": row, "reference": clock.reference, "metric": metric.key}
@@ -271,4 +263,29 @@ def seconds_records(runs: Runs, time: Timing) -> Iterable[Record]:
                 seeds, wider = pairs.over_seeds, pairs.over_scenes
                 line |= {name: wider and wider.mean, f"{name}_half_width_over_seeds": seeds and seeds.half_width}
                 line |= {f"{name}_half_width_over_scenes": wider and wider.half_width, f"{name}_pairs": pairs.count}
-            yield line
+            yield line | {"equal_seconds_p_value": one.equal.p_value, "equal_seconds_decided": survivors.get(row)}
+
+
+def points(runs: Runs, time: Timing) -> list[Record]:
+    """Score against seconds as JSON types: for every capture its ``rows``, the cheapest first, with cost and scores by metric.
+
+    ``front``: metrics in which a row is on the front; ``curve``: whether it is the reference, or that with more work. Captures
+    under which the reference has no curve are left out, if others have one.
+    """
+    tables = {metric.key: compared(runs, time, metric) for metric in WORTH_METRICS}
+    found = []
+    for clock in [one for one in time.clocks if len(one.curve) > 1] or time.clocks[:1]:
+        rows = [
+            {
+                "row": row,
+                "name": clock.short(row),
+                "cost": round(clock.costs[row], 4),
+                "scores": {key: round(score, 4) for key, rows in tables.items() if (score := rows[row].score) is not None},
+                "front": [key for key, rows in tables.items() if rows[row].front],
+                "curve": row in clock.curve,
+            }
+            for row in sorted(clock.costs, key=clock.costs.__getitem__)
+        ]
+        rows = [row for row in rows if row["scores"]]
+        found += [{"capture": clock.capture, "reference": clock.short(clock.reference), "rows": rows}] if rows else []
+    return found

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from scipy.stats import binomtest
@@ -40,8 +39,7 @@ difference is positive where the row is above, seed by seed on the same scenes. 
 mean is zero or has the other sign; ‡ the same within a scene."""
 """What a reader has to know of the table of claims; the same words stand in report.md and on the page."""
 
-Outcome = Literal["reproduced", "not reproduced", "reproduced alone", "not reproduced alone", "undecided"]
-OUTCOMES: tuple[Outcome, ...] = ("reproduced", "not reproduced", "reproduced alone", "not reproduced alone", "undecided")
+OUTCOMES = ("reproduced", "not reproduced", "reproduced alone", "not reproduced alone", "undecided")
 Scores = dict[str, dict[tuple[str, int], float]]
 """Row -> (scene, seed) -> score."""
 
@@ -162,14 +160,11 @@ class Verdict:
         return self.pairs.p_value if self.complete else None
 
     @property
-    def outcome(self) -> Outcome:
-        """Decided where it ``survives``; undecided also where there is no p-value."""
+    def outcome(self) -> str:
+        """One of OUTCOMES: decided where it ``survives``; undecided also where there is no p-value."""
         if not is_small(self.p_value):
             return "undecided"
-        holds = self.pairs.scenes.mean() > 0
-        if self.survives:
-            return "reproduced" if holds else "not reproduced"
-        return "reproduced alone" if holds else "not reproduced alone"
+        return f"{'' if self.pairs.scenes.mean() > 0 else 'not '}reproduced{'' if self.survives else ' alone'}"
 
 
 def over_seeds(values: Sequence[float]) -> Estimate | None:
@@ -234,11 +229,11 @@ def means(runs: Runs, column: str) -> dict[str, Estimate | None]:
     return {row: over_scenes(values) for row, values in scenes.items()}
 
 
-def side_by_side(runs: Runs, metric: Metric) -> Scores:
-    """Row -> (scene, seed) -> score of its finished runs in one metric, where it is defined."""
-    known = finished(runs).dropna(subset=[metric.column]).sort_values(["scene", "seed"])
+def side_by_side(runs: Runs, column: str) -> Scores:
+    """Row -> (scene, seed) -> value of its finished runs in one column, where it is known."""
+    known = finished(runs).dropna(subset=[column]).sort_values(["scene", "seed"])
     found: Scores = {}
-    for row, scene, seed, value in zip(*(known[name].tolist() for name in (*CELL, metric.column)), strict=True):
+    for row, scene, seed, value in zip(*(known[name].tolist() for name in (*CELL, column)), strict=True):
         found.setdefault(row, {})[scene, seed] = value
     return found
 
@@ -266,7 +261,7 @@ def judge(runs: Runs, claims: Sequence[Claim], scenes: Sequence[str]) -> list[Ve
     verdicts = []
     for claim in claims:
         for metric in map(METRIC_OF.__getitem__, claim.metrics):
-            pairs = better(side_by_side(runs, metric), claim.better, claim.worse, metric)
+            pairs = better(side_by_side(runs, metric.column), claim.better, claim.worse, metric)
             verdicts.append(Verdict(claim.better, claim.worse, metric, pairs, pairs.pairs.keys() >= set(scenes)))
     survivors = holm([one.p_value for one in verdicts])
     return [replace(one, survives=survives) for one, survives in zip(verdicts, survivors, strict=True)]

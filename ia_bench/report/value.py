@@ -15,7 +15,6 @@ import numpy as np
 from ia_bench.report.collect import Record
 from ia_bench.report.curves import plain, save
 from ia_bench.report.findings import Findings
-from ia_bench.report.seconds import BEYOND
 from ia_bench.report.statistics import HOW_DECIDED
 from ia_bench.report.table import Entry, Printed, carried_text, p_text
 from ia_bench.report.worth import NOTHING_LEFT_OUT, Gain, Map, maps, worth
@@ -44,7 +43,7 @@ def write_value(findings: Findings, out: Path) -> list[Path]:
         texts["photographs.csv"] = csv_text(photographs)
     ours = begins_with(out / FILES[0], TITLE)
     written = [write_text(out / name, content) for name, content in texts.items()]
-    drawn = [one for one in shown if one.metric.label == "PSNR" and not one.equal]  # which share a scale
+    drawn = [one for one in shown if one.metric.label == "PSNR"]  # which share a scale
     written += save(_draw(drawn), out / "value") if drawn else []
     if ours:
         remove_all_but(written, (out / name for name in FILES))
@@ -68,11 +67,9 @@ def _text(findings: Findings, shown: Sequence[Map], photographs: Sequence[Record
         "seeds. A row that has fewer scenes or seeds is compared with these alone (`reference` in value.csv), so that this column "
         "plus a gain need not be that row's own level.\n",
     ]
-    if findings.timing is not None and any(one.equal for one in shown):
-        parts.append(f"{findings.timing.told}\n")
     for one in shown:
         body = [[label, one.metric.text(level), *map(_entry, some)] for label, level, some in one.lines]
-        parts += [f"## {one.title}\n", pipe_table(Printed(["capture", reference, *one.rows], body))]
+        parts += [f"## {one.metric.title}\n", pipe_table(Printed(["capture", reference, *one.rows], body))]
     if photographs:
         head = ["row", "metric", "photographs", f"photographs that {reference} needs", "95 %"]
         parts += [
@@ -89,8 +86,7 @@ def _entry(gain: Gain | None) -> Entry | str:
         return "-"
     signs = [] if gain.pairs.signs is None else ["{}/{} p {}".format(*gain.pairs.signs[:2], p_text(gain.pairs.signs[2]))]
     behind = "; ".join(filter(None, [gain.between, *signs]))
-    after = f", after {gain.cost:.2f}{f' {BEYOND}' if gain.beyond else ''}" if gain.is_equal else ""
-    return Entry(f"{gain.text}{' °' if gain.alone else ''}{behind and f' ({behind})'}{after}", best=gain.survives)
+    return Entry(f"{gain.text}{' °' if gain.alone else ''}{behind and f' ({behind})'}", best=gain.survives)
 
 
 def _line(one: Record) -> list[str]:
@@ -119,33 +115,14 @@ def _of_gain(gain: Gain) -> Record:
         "sign_test_p_value": gain.pairs.signs and gain.pairs.signs[2],
         "decided": f"{gain.outcome}{', decided alone' if gain.alone else ''}",
         "detectable": gain.detectable,
-        "headroom": gain.headroom,
         "scenes": len(gain.pairs.pairs),
         "pairs": gain.pairs.count,
         "carried_by": carried_text(gain.pairs),
-        "cost": gain.cost,
-        **({} if gain.equal is None else _of_equal(gain.equal)),
-    }
-
-
-def _of_equal(gain: Gain) -> Record:
-    low, high = gain.bootstrap or (None, None)
-    return {
-        "equal_seconds": gain.over_scenes.mean,
-        "equal_seconds_low": low,
-        "equal_seconds_high": high,
-        "equal_seconds_half_width_over_scenes": gain.over_scenes.half_width,
-        "equal_seconds_decided": gain.outcome,
-        "equal_seconds_pairs": gain.pairs.count,
-        "beyond_curve": gain.beyond,
     }
 
 
 def _draw(shown: Sequence[Map]) -> Figure:
-    """A panel for every metric in dB: captures by rows, the mean gain as colour on one scale, its interval below the number.
-
-    What is not decided is hatched. matplotlib is imported when the map is drawn.
-    """
+    """A panel for every metric in dB: captures by rows, the gain as colour and number with its interval, hatched if undecided."""
     from matplotlib.figure import Figure
 
     lines, rows = (max(len(part) for part in parts) for parts in ([one.lines for one in shown], [one.rows for one in shown]))

@@ -1,6 +1,7 @@
 """What a prior is worth: how much a row gains over the reference row of the same capture, and how many photographs that saves.
 
-Intervals are those of a bootstrap of two levels: scenes are drawn again, and of each scene that is drawn its seeds.
+Intervals are those of a bootstrap of two levels: scenes are drawn again, and of each scene that is drawn its seeds. What a gain is
+at equal seconds is in :mod:`ia_bench.report.seconds`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from ia_bench.report.collect import Record, Runs
-from ia_bench.report.seconds import BEYOND, WORTH_METRICS, timing
+from ia_bench.report.seconds import WORTH_METRICS
 from ia_bench.report.statistics import CONFIDENCE, Estimate, Paired, Scores, better, holm, is_small, means, side_by_side
 from ia_bench.report.table import BOUNDS, carried_text, p_text, signs_text
 from ia_bench.runs.table import Row, Table, capture_of, crossed_name
@@ -68,12 +69,7 @@ class Gain:
     pairs: Paired  # its differences to the reference, turned so that more is better, by scene and seed
     beside: float  # mean of the reference over the same scenes and seeds
     level: float  # mean of the reference over all scenes and seeds that it was run with under this capture; the same for every row
-    headroom: float | None  # the part of what the ceiling is above the reference that the row closes; None where no ceiling was run
     survives: bool = False  # whether it is decided among all gains in this metric
-    cost: float | None = None  # seconds of the row over the reference's, None where they do not compare
-    beyond: bool = False  # whether that is more than of any row of the reference's curve
-    equal: Gain | None = None  # the same over what the reference has after as many seconds; None where its curve is not known
-    is_equal: bool = False  # whether this is such a one
 
     @cached_property
     def over_scenes(self) -> Estimate:
@@ -126,7 +122,6 @@ class Gain:
     def told(self) -> str:
         """What else there is to know of it, in a sentence."""
         row, over = (crossed_name(name, self.capture) for name in (self.row, self.reference))
-        over = f"what {over} has after {self.cost:.2f} times its seconds" if self.is_equal else over
         text, width = self.metric.text, self.over_scenes.half_width
         known = [
             f"{row}: {self.text}{' dB' if self.metric.label == 'PSNR' else ''} over {over}, which has {text(self.beside)}",
@@ -137,9 +132,7 @@ class Gain:
             width is not None and f"over other scenes ± {text(width)}",
             self.pairs.new_scene is not None and f"one more scene ± {text(self.pairs.new_scene)}",
             self.detectable is not None and f"would have been decided from {text(self.detectable)}",
-            self.headroom is not None and f"{100 * self.headroom:.0f} % of the way to the ceiling",
             self.pairs.carriers and f"carried by {carried_text(self.pairs)}",
-            self.is_equal and self.beyond and f"{BEYOND} longer than anything that the reference was run with",
         ]
         return "; ".join(words for words in known if words) + "."
 
@@ -155,17 +148,6 @@ class Map:
     reference: str
     rows: tuple[str, ...]
     lines: tuple[tuple[str, float, tuple[Gain | None, ...]], ...]
-    equal: bool = False  # whether gains are those at equal seconds
-
-    @property
-    def title(self) -> str:
-        """What it shows."""
-        return f"{self.metric.title}{' at equal seconds' if self.equal else ''}"
-
-    @property
-    def key(self) -> str:
-        """What tells it from other maps."""
-        return f"{self.metric.key}{' at equal seconds' if self.equal else ''}"
 
     @property
     def largest(self) -> float:
@@ -180,30 +162,14 @@ def gains(runs: Runs, table: Table) -> list[Gain]:
     """
     if table.reference is None or not table.captures:
         return []
-    ceiling = next((row.name for row in table.rows if _is(row, "ceiling")), None)
-    tables = {metric: (side_by_side(runs, metric), means(runs, metric.column)) for metric in METRICS}
-    time, found = timing(runs, table, None), []
-    clocks = {clock.capture: clock for clock in time.clocks} if time else {}
+    tables = {metric: (side_by_side(runs, metric.column), means(runs, metric.column)) for metric in METRICS}
+    found = []
     for label, row, metric in product([capture_of(one).label for one in table.captures], _compared(table), METRICS):
         (scores, levels), reference = tables[metric], crossed_name(table.reference, label)
         pairs, level = better(scores, crossed_name(row.name, label), reference, metric), levels.get(reference)
         if pairs.pairs and level is not None:
             beside = [np.mean([scores[reference][scene, seed] for seed in seeds]) for scene, seeds in pairs.pairs.items()]
-            share = None if ceiling is None else _share(pairs, better(scores, ceiling, reference, metric))
-            gain = Gain(row.name, table.reference, label, metric, pairs, float(np.mean(beside)), level.mean, share)
-            clock, name = clocks.get(label), crossed_name(row.name, label)
-            if clock is not None and name in clock.costs:
-                gain = replace(gain, cost=clock.costs[name], beyond=clock.beyond(name))
-                if name not in clock.curve and len(clock.curve) > 1:
-                    gain = replace(gain, equal=_at_equal_seconds(gain, clock.equal(scores, name, metric), scores[name]))
-            found.append(gain)
-    found = _judged(found)
-    equals = iter(_judged([gain.equal for gain in found if gain.equal is not None]))
-    return [gain if gain.equal is None else replace(gain, equal=next(equals)) for gain in found]
-
-
-def _judged(found: list[Gain]) -> list[Gain]:
-    """The same gains, each told whether it survives among all in its metric."""
+            found.append(Gain(row.name, table.reference, label, metric, pairs, float(np.mean(beside)), level.mean))
     for metric in METRICS:
         places = [place for place, gain in enumerate(found) if gain.metric == metric]
         for place, survives in zip(places, holm([found[place].p_value for place in places]), strict=True):
@@ -211,49 +177,24 @@ def _judged(found: list[Gain]) -> list[Gain]:
     return found
 
 
-def _at_equal_seconds(gain: Gain, pairs: Paired, scores: dict[tuple[str, int], float]) -> Gain | None:
-    """The gain over what the reference has after as many seconds, by its differences ``pairs`` and the row's ``scores``."""
-    if not pairs.pairs:
-        return None
-    sign = 1 if gain.metric.higher_is_better else -1
-    levels = [
-        np.mean([scores[scene, seed] - sign * value for seed, value in seeds.items()]) for scene, seeds in pairs.pairs.items()
-    ]
-    return replace(gain, pairs=pairs, beside=float(np.mean(levels)), headroom=None, is_equal=True)
-
-
 def maps(found: Sequence[Gain]) -> list[Map]:
-    """The gains in each metric of SHOWN as a map, and those at equal seconds as another one, where there are any."""
+    """The gains in each metric of SHOWN as a map, where there are any."""
     made = []
-    for metric, equal in product(SHOWN, (False, True)):
-        mine = [gain.equal if equal else gain for gain in found if gain.metric == metric]
-        cells = {(gain.capture, gain.row): gain for gain in mine if gain is not None}
+    for metric in SHOWN:
+        cells = {(gain.capture, gain.row): gain for gain in found if gain.metric == metric}
         rows = tuple(dict.fromkeys(row for _, row in cells))
         levels = {gain.capture: gain.level for gain in cells.values()}
         lines = tuple(
             (label or NOTHING_LEFT_OUT, level, tuple(cells.get((label, row)) for row in rows)) for label, level in levels.items()
         )
-        made += [Map(metric, found[0].reference, rows, lines, equal)] if cells else []
+        made += [Map(metric, found[0].reference, rows, lines)] if cells else []
     return made
 
 
 def _compared(table: Table) -> list[Row]:
     """The rows that are compared with the reference: all but itself, ground truth and one grey."""
-    return [row for row in table.rows if row.name != table.reference and not any(_is(row, bound) for bound in BOUNDS)]
-
-
-def _is(row: Row, method: str) -> bool:
-    """Whether a row is that of a method that optimises nothing."""
-    return row.name == method or f"method={method}" in row.overrides
-
-
-def _share(gained: Paired, possible: Paired) -> float | None:
-    """Mean gain over mean headroom, of the scenes that have both; a ceiling is the same for all seeds."""
-    scenes = gained.pairs.keys() & possible.pairs.keys()
-    if not scenes:
-        return None
-    ours, most = (np.mean([np.mean(list(pairs.pairs[scene].values())) for scene in scenes]) for pairs in (gained, possible))
-    return float(ours / most) if most > 0 else None
+    bounds = {*BOUNDS, *(f"method={bound}" for bound in BOUNDS)}
+    return [row for row in table.rows if row.name != table.reference and bounds.isdisjoint((row.name, *row.overrides))]
 
 
 def worth(runs: Runs, table: Table) -> list[Record]:
@@ -272,7 +213,7 @@ def worth(runs: Runs, table: Table) -> list[Record]:
     families: dict[str, dict[int, str]] = {}
     for capture in captures:
         families.setdefault(capture.others, {})[every if capture.views == "all" else int(capture.views)] = capture.label
-    scores = {metric: side_by_side(runs, metric) for metric in WORTH_METRICS}
+    scores = {metric: side_by_side(runs, metric.column) for metric in WORTH_METRICS}
     found = []
     for others, labels in families.items():
         curve = sorted(labels)

@@ -23,10 +23,9 @@ from ia_bench.common.errors import InputError, listed
 from ia_bench.report import table as tables
 from ia_bench.report.blocks import PSNRS
 from ia_bench.report.collect import KEPT, CellKey, Record, collect, reasons_text
-from ia_bench.report.curves import draw_scene, save
+from ia_bench.report.curves import draw_pareto, draw_scene, save
 from ia_bench.report.findings import MEAN, Findings, analyse
-from ia_bench.report.pareto import draw_pareto, points
-from ia_bench.report.seconds import seconds_records
+from ia_bench.report.seconds import points, seconds_records
 from ia_bench.report.statistics import HOW_DECIDED, HOW_JUDGED, INTERVALS, Paired, tally
 from ia_bench.report.table import Entry, Printed, carried_text
 from ia_bench.runs.table import Table
@@ -213,10 +212,7 @@ def tex(cell: Entry | str) -> str:
 
 
 def _filled(template: str, findings: Findings, **more: object) -> str:
-    """A template, filled; it is not HTML: names are escaped by the filters ``markdown`` and ``tex``.
-
-    The LaTeX has the layout of the paper's table 1 and needs the packages booktabs and graphicx.
-    """
+    """A template, filled; it is not HTML: names are escaped by the filters ``markdown`` and ``tex``."""
     options: dict[str, Any] = {f"{name}_string": mark for name, mark in MARKS.items()}
     options |= dict.fromkeys(("trim_blocks", "lstrip_blocks", "keep_trailing_newline"), True)
     environment = Environment(undefined=StrictUndefined, loader=PackageLoader("ia_bench.report"), autoescape=False, **options)

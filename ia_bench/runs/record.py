@@ -19,7 +19,7 @@ from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.files import read_json
 from ia_bench.common.ranges import Name
 from ia_bench.common.settings import parsed, parsed_file
-from ia_bench.methods.costs import NOT_OF_THE_ROW
+from ia_bench.methods.monitor import NOT_OF_THE_ROW
 
 METRICS_FILE = "metrics.json"
 CONFIG = "config.json"

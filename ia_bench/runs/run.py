@@ -18,9 +18,9 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress, ProgressBar
 from ia_bench.common.registry import create
 from ia_bench.methods.contract import Method, Monitor, Problem
-from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.couplings.base import coupling_of
 from ia_bench.methods.info import MethodInfo, held_out
+from ia_bench.methods.monitor import CostTracker
 from ia_bench.methods.validation import reconstruct
 from ia_bench.priors.contract import NoPrior, Prior, PriorInfo
 from ia_bench.priors.inputs import beside_run

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -116,7 +117,7 @@ def write_exr(path: Path, image: np.ndarray, *, half: bool = True) -> None:
 # A pixel (r, g, b, e) is (r, g, b) 2^(e - 136), black where e is 0 (Ward, "Real Pixels", Graphics Gems II, 1991; file layout:
 # Radiance's reference manual, "filefmts"). Rows run from top to bottom, which is what all programs write.
 SHORTEST, LONGEST = 8, 32767  # pixels of a row that may be run-length encoded
-LONGEST_SIZE = 40  # characters of the line of rows and columns
+SIZE = re.compile(rb"-Y (\d{1,9}) \+X (\d{1,9})\n")
 
 
 def read_rgbe(path: Path) -> np.ndarray:
@@ -124,10 +125,15 @@ def read_rgbe(path: Path) -> np.ndarray:
     if not is_file(path):
         raise InputError(f"{shown(path)}: no such image")
     content = path.read_bytes()
-    height, width, place = _header(path, content)
+    head, _, rest = content.partition(b"\n\n")
+    size = SIZE.match(rest)
+    if not head.startswith(b"#?") or b"32-bit_rle_xyze" in head or size is None:
+        expected = "expected a Radiance picture in 32-bit_rle_rgbe, which begins with #? and has a size as '-Y rows +X columns'"
+        raise InputError(f"{path}: {expected}, found {shown(repr(content[:40]))}")
+    height, width = int(size[1]), int(size[2])
     expect_size_to_read(path, width, height)
+    rows, place = np.zeros((height, width, 4), np.uint8), len(head) + 2 + size.end()
     try:
-        rows = np.zeros((height, width, 4), np.uint8)
         for row in rows:
             place = _row(content, place, row)
     except (IndexError, ValueError, MemoryError):
@@ -136,50 +142,21 @@ def read_rgbe(path: Path) -> np.ndarray:
     return (rows[..., :3] * scale[..., None]).astype(np.float32)
 
 
-def _header(path: Path, content: bytes) -> tuple[int, int, int]:
-    """Height, width, and where the pixels begin."""
-    if not content.startswith(b"#?"):
-        raise InputError(f"{path}: expected a Radiance picture, which begins with #?, found {shown(repr(content[:10]))}")
-    head, separator, rest = content.partition(b"\n\n")
-    size, _, _ = rest.partition(b"\n")
-    words = size[:40].split()  # what is longer is no size
-    if b"32-bit_rle_xyze" in head:
-        raise InputError(f"{path}: expected the colours of 32-bit_rle_rgbe, found 32-bit_rle_xyze")
-    if (
-        not separator
-        or len(size) > LONGEST_SIZE
-        or len(words) != 4
-        or words[0] != b"-Y"
-        or words[2] != b"+X"
-        or not (words[1] + words[3]).isdigit()
-    ):
-        raise InputError(f"{path}: expected a size as '-Y rows +X columns', found {shown(repr(size[:40]))}")
-    return int(words[1]), int(words[3]), len(head) + 2 + len(size) + 1
-
-
 def _row(content: bytes, place: int, row: np.ndarray) -> int:
     """Fill one ``row`` (W, 4) from ``place`` on and return where the next one begins."""
     width = len(row)
-    start = content[place : place + 4]
-    encoded = SHORTEST <= width <= LONGEST and start[:2] == b"\x02\x02" and start[2] * 256 + start[3] == width
-    if not encoded:
-        end = place + 4 * width
-        row[:] = np.frombuffer(content[place:end], np.uint8).reshape(width, 4)
-        return end
+    if not SHORTEST <= width <= LONGEST or content[place : place + 4] != bytes([2, 2, width >> 8, width & 255]):
+        row[:] = np.frombuffer(content, np.uint8, 4 * width, place).reshape(width, 4)
+        return place + 4 * width
     place += 4
-    for channel in range(4):
+    for channel in row.T:
         column = 0
         while column < width:
             count = content[place]
-            if count > 128:  # a run
-                length = count - 128
-                row[column : column + length, channel] = content[place + 1]
-                place += 2
-            else:
-                length = count
-                row[column : column + length, channel] = np.frombuffer(content[place + 1 : place + 1 + length], np.uint8)
-                place += 1 + length
+            run, length = count > 128, count - 128 if count > 128 else count
             if not length or column + length > width:
                 raise ValueError("a run beyond the row")
+            channel[column : column + length] = np.frombuffer(content, np.uint8, 1 if run else length, place + 1)
+            place += 2 if run else 1 + length
             column += length
     return place

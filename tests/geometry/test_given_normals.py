@@ -12,8 +12,8 @@ from PIL import Image
 
 from ia_bench.capture.capture import captured
 from ia_bench.capture.faults import spread
-from ia_bench.capture.normals import given_normals
 from ia_bench.capture.settings import CaptureSettings, SdfSettings
+from ia_bench.capture.shapes import given_normals
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.scene import Scene, View

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from ia_bench.methods.costs import CostTracker
+from ia_bench.methods.monitor import CostTracker
 
 
 def test_what_is_aside_is_not_counted_and_what_is_inside_belongs_to_the_outer_one() -> None:

@@ -138,7 +138,7 @@ WRONG: dict[str, tuple[Callable[[Observations], Any], str]] = {
     "nothing": (lambda shown: None, "expected ia_bench.priors.contract.Samples, found NoneType"),
     "a component too few": (changed(values={"albedo": 0}), "values: expected albedo, specular, found albedo"),
     "numpy": (edit(lambda albedo: albedo.numpy()), "albedo: expected a tensor, found ndarray"),
-    "double": (edit(Tensor.double), r"albedo: expected type torch\.float32, found torch\.float64"),
+    "double": (edit(Tensor.double), r"albedo: expected type float32, found float64"),
     "channels first": (edit(lambda albedo: albedo.movedim(-1, 1)), r"albedo: expected shape \(3, 7, 9, 3\), found \(3, 3, 7, 9\)"),
     "another device": (edit(lambda albedo: albedo.to("meta")), "albedo: expected device cpu, found meta"),
     "with gradient": (edit(lambda albedo: albedo * GRADIENT), "albedo: expected gradient False, found True"),

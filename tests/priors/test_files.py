@@ -17,8 +17,7 @@ from PIL import Image
 from ia_bench.cli.main import main
 from ia_bench.common.errors import InputError
 from ia_bench.priors.contract import Observations
-from ia_bench.priors.files import FilesPrior
-from ia_bench.priors.for_networks import write_photographs
+from ia_bench.priors.files import FilesPrior, write_photographs
 from ia_bench.priors.validation import ask
 from ia_bench.runs.composition import compose
 from ia_bench.runs.identity import hash_of, identity

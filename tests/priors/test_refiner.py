@@ -23,9 +23,9 @@ from ia_bench.priors.refiner import (
     RefinerPrior,
     Seen,
     load_refiner,
-    save_refiner,
     see,
 )
+from ia_bench_training.saving import save_refiner
 
 STACK = painted_ball(37, 31, 3)
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import torch
 
-from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig, save_network
+from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
+from ia_bench_training.saving import save_network
 
 
 def tiny_config(kind="diffusion", **changes):

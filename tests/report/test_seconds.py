@@ -8,14 +8,24 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from scipy.stats import ttest_1samp
 from scored_runs import scored
 
-from ia_bench.report.collect import Collection, Record, as_table
-from ia_bench.report.findings import analyse
-from ia_bench.report.pareto import draw_pareto, points
-from ia_bench.report.seconds import CPU, STATED, WALL, WORTH_METRICS, Timing, best_after, compared, seconds_table, timing
-from ia_bench.report.value import write_value
-from ia_bench.report.worth import gains
+from ia_bench.report.collect import Record, as_table
+from ia_bench.report.curves import draw_pareto
+from ia_bench.report.seconds import (
+    CPU,
+    STATED,
+    WALL,
+    WORTH_METRICS,
+    Timing,
+    best_after,
+    compared,
+    points,
+    seconds_records,
+    seconds_table,
+    timing,
+)
 from ia_bench.report.write import write_report
 from ia_bench.runs.table import Row, Table
 from ia_bench.scores.metrics import METRIC_OF
@@ -178,22 +188,18 @@ def test_the_picture_has_rows_from_the_cheapest_to_the_dearest() -> None:
     assert draw_pareto([]) is None
 
 
-def test_what_a_prior_is_worth_has_it_beside_the_gain_for_every_capture(tmp_path: Path) -> None:
-    table = replace(TABLE, captures=[{}, {"views": 8}], rows=[*TABLE.rows[:4], Row("slow", [], captures=[""])])
-    some = [one | {"row": f"{one['row']}{end}"} for one in records(2) for end in ("", ", 8 views")]
-    some = [one for one in some if one["row"] not in ("slow, 8 views", "four times, 8 views")]
-    found = {(one.capture, one.row): one for one in gains(as_table(some), table) if one.metric == ALBEDO}
-    equal = found["", "ours"].equal
-    assert equal is not None
-    assert (equal.over_scenes.mean, equal.beside) == (pytest.approx(2.0), pytest.approx(23.0))
-    assert (found["8 views", "ours"].beyond, found["", "ours"].beyond) == (True, False)
-    write_value(analyse(Collection(as_table(some)), table), tmp_path)
-    text = (tmp_path / "value.md").read_text()
-    assert "## Aligned albedo PSNR ↑ at equal seconds" in text
-    assert "+2.00 (+1.00 to +3.00), after 2.83 |" in text
-    assert "**+3.00 (+3.00 to +3.00), after 2.83 \\>**" in text
-    lines = {(one["capture"], one["row"], one["metric"]): one for one in csv.DictReader((tmp_path / "value.csv").open())}
-    assert float(lines["all views", "ours", "aligned_albedo.psnr"]["equal_seconds"]) == pytest.approx(2.0)
+def test_what_is_decided_at_equal_seconds_is_so_among_all_rows_that_are_no_part_of_the_curve() -> None:
+    """p = .037 of 1, 2 and 1.4 dB in three scenes is decided alone, and not beside another row."""
+    gained = {"ours": (1.0, 2.0, 1.4), "slow": (-1.0, 1.0, 0.1)}
+    some = [
+        run(row, f"s{place}", 0, 20.0 + gained.get(row, (0.0,) * 3)[place]) for row in gained | {"none": ()} for place in range(3)
+    ]
+    both = {one["row"]: one for one in seconds_records(as_table(some), clocked(some)) if one["metric"] == ALBEDO.key}
+    assert both["ours"]["equal_seconds_p_value"] == pytest.approx(ttest_1samp(gained["ours"], 0).pvalue)
+    assert [both[row]["equal_seconds_decided"] for row in ("none", "ours", "slow")] == [None, False, False]
+    other = [one for one in some if one["row"] != "slow"]
+    ((_, alone), *_) = [(one["row"], one) for one in seconds_records(as_table(other), clocked(other)) if one["row"] == "ours"]
+    assert alone["equal_seconds_decided"]
 
 
 def test_the_table_of_captures_calls_rows_by_their_whole_names() -> None:

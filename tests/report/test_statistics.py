@@ -39,7 +39,7 @@ def block_of(records: list[Record], rows: list[str], scenes: list[str]) -> Block
 
 
 def difference(records: list[Record], row: str, reference: str) -> Paired:
-    return paired(side_by_side(as_table(records), PSNR), row, reference)
+    return paired(side_by_side(as_table(records), PSNR.column), row, reference)
 
 
 @pytest.mark.parametrize("count", [2, 3, 10])

@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from ia_bench.common.errors import InputError
-from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.info import MethodInfo
+from ia_bench.methods.monitor import CostTracker
 from ia_bench.priors import inputs
 from ia_bench.priors.diffusion import learned
 from ia_bench.readers.contract import NO_MESH

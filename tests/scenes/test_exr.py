@@ -77,9 +77,9 @@ def test_encoded_rows_by_hand(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"no picture", "expected a Radiance picture, which begins with #\\?"),
-        (HEAD + b"+X 3 -Y 1\n", "expected a size as '-Y rows \\+X columns'"),
-        (HEAD.replace(b"rgbe", b"xyze") + b"-Y 1 +X 1\n\0\0\0\0", "found 32-bit_rle_xyze"),
+        (b"no picture", "expected a Radiance picture in 32-bit_rle_rgbe, which begins with #\\?"),
+        (HEAD + b"+X 3 -Y 1\n", "and has a size as '-Y rows \\+X columns'"),
+        (HEAD.replace(b"rgbe", b"xyze") + b"-Y 1 +X 1\n\0\0\0\0", "in 32-bit_rle_rgbe"),
         (HEAD + b"-Y 2 +X 2\n" + bytes(8), "expected 2 rows of 2 pixels, found damaged or missing data"),
         (HEAD + b"-Y 1 +X 8\n" + bytes([2, 2, 0, 8, 137, 7]), "found damaged or missing data"),
         (HEAD + b"-Y 1 +X 8\n" + bytes([2, 2, 0, 8, 0]), "found damaged or missing data"),

@@ -20,7 +20,7 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.diffusion.network import MaterialNetwork, load_network, save_network
+from ia_bench.priors.diffusion.network import MaterialNetwork, load_network
 from ia_bench.priors.inputs import use_bf16
 from ia_bench_training.dataset import Batch, TrainingImages, drawn_by
 from ia_bench_training.optimiser import MuonAdamW, split_weights
@@ -33,6 +33,7 @@ from ia_bench_training.resuming import (
     stream,
     write_validation,
 )
+from ia_bench_training.saving import save_network
 from ia_bench_training.settings import TrainSettings
 from ia_bench_training.validation import score_single_view
 from ia_bench_training.world.images import WorldImages

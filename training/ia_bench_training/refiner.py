@@ -19,7 +19,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, NotNegative, Number, UnitInterval
 from ia_bench.priors.inputs import use_bf16
-from ia_bench.priors.refiner import RENDERS, RefinerConfig, RefinerNetwork, Seen, save_refiner, see
+from ia_bench.priors.refiner import RENDERS, RefinerConfig, RefinerNetwork, Seen, see
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench_training.fit_files import CHANNELS, fit_paths, load_fit
 from ia_bench_training.optimiser import MuonAdamW, split_weights
@@ -32,6 +32,7 @@ from ia_bench_training.resuming import (
     run,
     write_validation,
 )
+from ia_bench_training.saving import save_refiner
 
 FEW = 8
 """A fit with at most so many photographs counts as one of few, in the figures of validation."""

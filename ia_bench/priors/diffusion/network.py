@@ -25,7 +25,7 @@ from ia_bench.common.ranges import Number
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion.sampler import SCHEDULE_KEYS, Denoise, NoiseSchedule
-from ia_bench.priors.weight_files import content_hash, fill, read_description, save_weights
+from ia_bench.priors.weight_files import content_hash, fill, read_description
 
 Kind = Literal["diffusion", "regressor"]
 IMAGE_CHANNELS = 4  # colour and mask
@@ -264,18 +264,6 @@ FILES = {
 """The parts of a network, by the file that holds them; the noise schedule is in ``scheduler/scheduler_config.json``."""
 
 
-def save_network(folder: Path, network: MaterialNetwork, provenance: dict[str, Any]) -> None:
-    """Write ``network`` to ``folder``, in half precision; see :func:`ia_bench.priors.weight_files.save_weights`."""
-    from diffusers import DDPMScheduler
-
-    def save_configs(partial: Path) -> None:
-        network.unet.save_config(partial / "unet")
-        if network.config.kind == "diffusion":
-            DDPMScheduler(**network.config.schedule, prediction_type="sample").save_config(partial / "scheduler")
-
-    save_weights(folder, DESCRIPTION, network.config, _modules(network), provenance, save_configs)
-
-
 def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
     """Load the network in ``folder``, in float32 and evaluation mode, and its provenance.
 
@@ -283,7 +271,7 @@ def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
     """
     config, provenance = read_description(folder / DESCRIPTION, NetworkConfig)
     network = MaterialNetwork(config)
-    for name, module in _modules(network).items():
+    for name, module in modules_of(network).items():
         fill(module, folder / name)
     return network.eval().requires_grad_(False), provenance
 
@@ -293,5 +281,6 @@ def fingerprint(folder: Path) -> str:
     return content_hash(folder / name for name in (DESCRIPTION, *FILES))
 
 
-def _modules(network: MaterialNetwork) -> dict[str, nn.Module]:
+def modules_of(network: MaterialNetwork) -> dict[str, nn.Module]:
+    """The parts of a network by the file that holds each."""
     return {name: getattr(network, part) for name, part in FILES.items()}

@@ -18,7 +18,7 @@ from ia_bench.report.blocks import Line
 from ia_bench.report.collect import HASH_DIGITS, TIMES, reason_of, setup_of
 from ia_bench.report.curves import Curve
 from ia_bench.report.findings import Findings
-from ia_bench.report.pareto import points
+from ia_bench.report.seconds import points
 from ia_bench.report.table import BOUNDS, HEADLINE, MAIN, measured
 from ia_bench.runs.record import RunRecord
 from ia_bench.runs.table import Row

@@ -33,8 +33,6 @@ LAYOUT = 2
 """Part of what a drawn truth is known by; raised when the page has to know other things of unchanged pictures."""
 TRUTH = "truth"
 """The folder of a scene's true pictures."""
-NOT_ROWS = (TRUTH, "photograph")
-"""What the page calls pictures that are no row's."""
 KEY = "drawn.json"
 """What a truth that was drawn is known by."""
 
@@ -68,8 +66,6 @@ def _write_scene(
     kept: dict[str, tuple[Recovered, Bundle]] = {}
     for row, path in rows.items():
         try:
-            if row in NOT_ROWS:
-                raise InputError(f"expected a row that is not called as the page calls the {row} itself; row=NAME gives it a name")
             run, own = Recovered(path), read_bundle(path)
             if own is None:
                 raise InputError("it has kept no pictures")
@@ -89,7 +85,7 @@ def _write_scene(
         place = folder_of(row)
         parts = {"errors": own.errors, "solid": own.solid}
         scripts = {f"{part}.js": packing.script(f"{folder.name}/{place}/{part}", content) for part, content in parts.items()}
-        _write(folder / place, scripts | _files(own.sheets))
+        _write(folder / place, scripts | own.sheets)
         described["rows"][row] = {"folder": place, "sheets": own.shapes, "scores": _scores(own.views, run)}
     wanted = {TRUTH, *(one["folder"] for one in described["rows"].values())}
     for left in folder.iterdir():  # of rows that the report no longer has
@@ -122,7 +118,7 @@ def _truth(run: Recovered, kept: Bundle, folder: Path, note: Callable[[str], Non
         if truth.albedo is not None and truth.roughness is not None:
             content |= packing.textures(truth.albedo, truth.roughness)
     found, shapes = sheets(drawn.truth())
-    _write(folder, {"solid.js": packing.script(f"{scene_name}/{TRUTH}/solid", content)} | _files(found))
+    _write(folder, {"solid.js": packing.script(f"{scene_name}/{TRUTH}/solid", content)} | found)
     names = {
         kind: [f"{view.name}, which was fitted" if view.name in drawn.fitted else view.name for view in views]
         for kind, views in {"albedo": drawn.test, "view": drawn.views}.items()
@@ -158,12 +154,9 @@ def _scores(views: dict[str, Any], run: Recovered) -> dict[str, list[float | Non
     }
 
 
-def _files(found: dict[str, bytes]) -> dict[str, bytes]:
-    return {f"{name}.webp": sheet for name, sheet in found.items()}
-
-
 def _write(folder: Path, files: dict[str, bytes]) -> None:
+    """Write ``files`` by name, those without a suffix as sheets of pictures."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
-        with whole_file(folder / name) as unfinished:
+        with whole_file(folder / (name if "." in name else f"{name}.webp")) as unfinished:
             unfinished.write_bytes(content)

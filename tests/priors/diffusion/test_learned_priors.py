@@ -16,11 +16,12 @@ from ia_bench.priors.diffusion import prior as diffusion_prior
 from ia_bench.priors.diffusion import sampler
 from ia_bench.priors.diffusion.framing import MARGIN, Frame
 from ia_bench.priors.diffusion.learned import RegressorPrior
-from ia_bench.priors.diffusion.network import MaterialNetwork, save_network
+from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import patch_origins
 from ia_bench.priors.diffusion.prior import DiffusionPrior
 from ia_bench.priors.diffusion.sampler import seeded_noise
 from ia_bench.priors.inputs import content_number
+from ia_bench_training.saving import save_network
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,8 @@ from safetensors.torch import load_file, save_file
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.diffusion.network import MaterialNetwork, load_network, save_network
+from ia_bench.priors.diffusion.network import MaterialNetwork, load_network
+from ia_bench_training.saving import save_network
 
 UNET, ENCODER = "unet/diffusion_pytorch_model.safetensors", "encoder.safetensors"
 
