@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -46,7 +46,10 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         before, cameras, masks = train, misplaced(train, settings.faults), mistaken_masks(train, settings.faults)
         photos = photographed(blurred(train, settings.faults), settings, masks)
         train = tuple(replace(photo, camera=camera) for photo, camera in zip(photos, cameras, strict=True))
-        scene = replace(scene, saturated_share=_saturated_share(before, train))
+        covered = [view.mask > 0 for view in train]
+        clipped = (old.known & ~new.known & inside for old, new, inside in zip(before, train, covered, strict=True))
+        lost = sum(int(pixels.sum()) for pixels in clipped)  # what a reader, masks or a margin make unknown is none of it
+        scene = replace(scene, saturated_share=lost / max(sum(int(inside.sum()) for inside in covered), 1))
     if settings.consistency:
         note(f"capture.consistency={settings.consistency}: poses and masks are made to agree with each other")
         train = _agreeing(train, settings, note, begin)
@@ -78,14 +81,6 @@ def _agreeing(views: tuple[View, ...], settings: CaptureSettings, note: Callable
         except OpenHullError:
             note(f"capture.consistency={settings.consistency}: a hull that tolerates {doubted} views is open; it tolerates fewer")
     return consistent(views, settings.consistency, settings.tolerated, begin)
-
-
-def _saturated_share(before: Sequence[View], after: Sequence[View]) -> float:
-    """The part of the object's pixels that were known ``before`` the views were photographed, and not ``after``: clipped ones."""
-    covered = [view.mask > 0 for view in after]
-    pairs = zip(before, after, covered, strict=True)
-    lost = sum(int((old.known & ~new.known & inside).sum()) for old, new, inside in pairs)
-    return lost / max(sum(int(inside.sum()) for inside in covered), 1)
 
 
 def record(scene: Scene, settings: CaptureSettings) -> dict[str, Any]:

@@ -55,29 +55,20 @@ def mistaken_masks(views: Sequence[View], faults: FaultSettings) -> list[np.ndar
     chosen = _chosen(views, faults.wrong_masks, faults, WRONG, "wrong_masks")
     masks = []
     for place, view in enumerate(views):
-        mask = _grown(view, faults)
-        if place in chosen:
-            mask = mask * _one_side(view, faults)
+        mask, pixels = view.mask, faults.mask_growth + faults.mask_jitter * _random(faults, GROWTH, view).uniform(-1, 1)
+        if pixels:
+            grown = (HALF + pixels - outline_distance(mask)).clip(0, 1).astype(np.float32)
+            mask = np.where(~view.known & (mask == 0), np.float32(0), grown)
+        if place in chosen:  # it loses what is on one side of a line through its middle
+            angle = _random(faults, SIDE, view).uniform(0, 2 * np.pi)
+            rows, columns = np.nonzero(view.mask > HALF)
+            row, column = np.ogrid[: mask.shape[0], : mask.shape[1]]
+            kept = np.cos(angle) * (column - columns.mean()) + np.sin(angle) * (row - rows.mean()) > 0
+            mask = mask * kept.astype(np.float32)
         if not (mask > HALF).any():
             raise InputError(f"capture.faults: view {view.name}: expected to leave a part of its mask, found all of it taken away")
         masks.append(mask)
     return masks
-
-
-def _grown(view: View, faults: FaultSettings) -> np.ndarray:
-    pixels = faults.mask_growth + faults.mask_jitter * _random(faults, GROWTH, view).uniform(-1, 1)
-    if pixels == 0:
-        return view.mask
-    grown = (HALF + pixels - outline_distance(view.mask)).clip(0, 1).astype(np.float32)
-    return np.where(~view.known & (view.mask == 0), np.float32(0), grown)
-
-
-def _one_side(view: View, faults: FaultSettings) -> np.ndarray:
-    """1 on one side of a line through the middle of the mask, 0 on the other, (H, W)."""
-    angle = _random(faults, SIDE, view).uniform(0, 2 * np.pi)
-    rows, columns = np.nonzero(view.mask > HALF)
-    row, column = np.ogrid[: view.mask.shape[0], : view.mask.shape[1]]
-    return (np.cos(angle) * (column - columns.mean()) + np.sin(angle) * (row - rows.mean()) > 0).astype(np.float32)
 
 
 # ---------------------------------------------------------------- focus

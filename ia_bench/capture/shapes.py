@@ -129,22 +129,19 @@ def given_normals(text: str, views: Sequence[View]) -> list[np.ndarray]:
 
     Raises InputError where one is missing, has another size or other lengths, or looks away from the camera that sees it.
     """
-    folder = user_path(SETTING, text, folder=True)
-    found = [_normals_of(view, folder) for view in views]
-    facing = float(np.mean([_facing(*each) for each in zip(views, found, strict=True)]))
-    if facing < 0.5:
+    folder, found, facing = user_path(SETTING, text, folder=True), [], []
+    for view in views:
+        normals = _normals_of(view, folder)
+        rows, columns = np.nonzero((view.mask > SOLID) & (normals != 0).any(-1))
+        toward = -view.camera.rays(columns + 0.5, rows + 0.5) @ view.camera.to_world[:3, :3]
+        facing.append(float(((normals[rows, columns] * toward).sum(-1) > 0).mean()))  # what a camera sees faces it
+        found.append(normals)
+    if (share := float(np.mean(facing))) < 0.5:
         raise InputError(
-            f"{SETTING}={text}: expected normals of the camera (x to the right, y up, z toward it), found that {1 - facing:.0%} of "
+            f"{SETTING}={text}: expected normals of the camera (x to the right, y up, z toward it), found that {1 - share:.0%} of "
             "them look away from it, as those of the world do, or those in OpenCV's axes"
         )
     return found
-
-
-def _facing(view: View, normals: np.ndarray) -> float:
-    """The share of the known normals that face the camera: what a camera sees faces it."""
-    rows, columns = np.nonzero((view.mask > SOLID) & (normals != 0).any(-1))
-    toward = -view.camera.rays(columns + 0.5, rows + 0.5) @ view.camera.to_world[:3, :3]
-    return float(((normals[rows, columns] * toward).sum(-1) > 0).mean())
 
 
 def _normals_of(view: View, folder: Path) -> np.ndarray:

@@ -33,8 +33,7 @@ from ia_bench.common.ranges import Positive
 from ia_bench.common.seeds import derive_seed
 from ia_bench.common.settings import parsed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
-from ia_bench.priors.diffusion.encoding import exposure
-from ia_bench.priors.diffusion.framing import Frame
+from ia_bench.priors.diffusion.encoding import Frame, exposure
 from ia_bench.priors.inputs import check_views
 from ia_bench.readers.pictures import SUFFIXES
 from ia_bench.scenes.color import srgb_to_linear

@@ -24,20 +24,18 @@ MAX_SCALE = 10.0
 """Largest standard deviation of a log scale: eight of them still make a factor that a float holds."""
 
 Spread = Annotated[float, Field(ge=0, le=MAX_SCALE)]
-Blur = Annotated[float, Field(ge=0, le=1024)]  # pixels: one of more takes for ever and leaves nothing to see
 
 
 class OraclePrior:
-    """Per view, sample = blur((exp(a) truth + b) baked + inconsistency) + noise, inside the mask.
+    """Per view, sample = exp(a) truth baked + inconsistency + noise, inside the mask.
 
-    ``scale``: standard deviation of the log scale a, one draw per view. ``shift``: of the shift b, one draw per view (in
-    units of the component's mean over all images asked about). ``noise``: of white pixel noise (same units). ``blur``: standard
-    deviation of a Gaussian blur in pixels. ``baked``: exponent beta of shading left in the albedo, which is multiplied by
+    ``scale``: standard deviation of the log scale a, one draw per view. ``noise``: of white pixel noise (in units of the
+    component's mean over all images asked about). ``baked``: exponent beta of shading left in the albedo, which is multiplied by
     (luminance / mean luminance of the image)^beta. ``inconsistency``: standard deviation (same units) of smooth patches,
     drawn anew per view, of ``patch`` pixels.
 
     Guidance has a closed form, because the random part is Gaussian: with per-pixel prior variance
-    v = noise^2 + inconsistency^2 + shift^2 + (scale truth)^2 and ``guidance_strength`` s (an inverse variance), the sample
+    v = noise^2 + inconsistency^2 + (scale truth)^2 and ``guidance_strength`` s (an inverse variance), the sample
     moves to (sample / v + s render) / (1 / v + s), the mean of the product of the two Gaussians around the sample drawn.
     s = 0 returns the unguided sample to the bit, and so does an exact oracle (v = 0) at any strength.
     """
@@ -47,18 +45,15 @@ class OraclePrior:
         *,
         components: Iterable[Literal["albedo", "specular"]] = ("albedo", "specular"),
         scale: Spread = 0.0,
-        shift: NotNegative = 0.0,
         noise: NotNegative = 0.0,
-        blur: Blur = 0.0,
         baked: NotNegative = 0.0,
         inconsistency: NotNegative = 0.0,
         patch: NotNegative = 8.0,
         guidance_strength: NotNegative = 100.0,
     ) -> None:
-        self.scale, self.shift, self.noise, self.blur = scale, shift, noise, blur
-        self.baked, self.inconsistency, self.patch = baked, inconsistency, patch
+        self.scale, self.noise, self.baked, self.inconsistency, self.patch = scale, noise, baked, inconsistency, patch
         self.guidance_strength = guidance_strength
-        stochastic = any((scale, shift, noise, inconsistency))
+        stochastic = any((scale, noise, inconsistency))
         self.info = PriorInfo(
             frozenset(components), stochastic, guidable=True, sees_truth=True, wants=frozenset({"truth"}), coupling="targets"
         )
@@ -78,7 +73,7 @@ class OraclePrior:
             for row, (image, mask) in enumerate(zip(observations.images, observations.masks, strict=True)):
                 sample = self._spoiled(component, [seed, row, number], truth[row], unit, image, mask.numpy()[..., None])
                 if component in guidance and self.guidance_strength:
-                    even = unit**2 * (self.noise**2 + self.inconsistency**2 + self.shift**2)
+                    even = unit**2 * (self.noise**2 + self.inconsistency**2)
                     variance = torch.from_numpy((even + (self.scale * truth[row]) ** 2).astype(np.float32))
                     gain = variance * self.guidance_strength / (1 + variance * self.guidance_strength)
                     sample = sample + gain * (mask > 0)[..., None] * (guidance[component][row] - sample)
@@ -92,7 +87,7 @@ class OraclePrior:
         """One image's unguided sample; ``unit``: mean of the component over all images."""
         random = np.random.default_rng(seed)
         spoiled = truth * math.exp(self.scale * random.standard_normal())
-        spoiled = spoiled + coverage * unit * self.shift * random.standard_normal()
+        random.standard_normal()  # of a dial that is gone: the draws that follow are those of published rows
         if component == "albedo" and self.baked:
             luminance = image.numpy() @ np.array([0.2126, 0.7152, 0.0722], np.float32)
             mean = luminance.sum() / max(float(coverage.sum()), 1e-12)
@@ -102,10 +97,6 @@ class OraclePrior:
             field = gaussian_filter(random.standard_normal(truth.shape), (self.patch, self.patch, 0))  # smooth
             field = (field - field.mean()) / max(float(field.std()), 1e-12)
             spoiled = spoiled + coverage * unit * self.inconsistency * field
-        if self.blur:
-            weight = gaussian_filter(coverage[..., 0], self.blur)[..., None]
-            blurred = gaussian_filter(spoiled, (self.blur, self.blur, 0))
-            spoiled = coverage * blurred / np.maximum(weight, 1e-6)
         if self.noise:
             spoiled = spoiled + coverage * unit * self.noise * random.standard_normal(truth.shape)
         limit = coverage if component == "albedo" else np.inf  # a sample keeps to the physical range

@@ -24,7 +24,7 @@ from ia_bench.common.ranges import NotNegative, Number, UnitInterval
 from ia_bench.common.seeds import derive_seed
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
-from ia_bench.priors.diffusion.framing import Frame
+from ia_bench.priors.diffusion.encoding import Frame
 from ia_bench.priors.diffusion.sampler import Denoise, NoiseSchedule, SamplerSettings, image_behind, sample
 from ia_bench.priors.inputs import Device, check_views, choose_device, content_number
 

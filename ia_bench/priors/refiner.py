@@ -19,7 +19,7 @@ from torch.nn import functional as F
 from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import Number
 from ia_bench.priors.contract import Observations, Samples
-from ia_bench.priors.diffusion.framing import box_of
+from ia_bench.priors.diffusion.encoding import box_of
 from ia_bench.priors.diffusion.learned import RegressorPrior, weights_folder
 from ia_bench.priors.inputs import Device, Precision, check_views
 from ia_bench.priors.weight_files import fill, read_description

@@ -140,8 +140,11 @@ def open_picture(path: Path, *, upright: bool = False) -> Image.Image:
     try:
         with Image.open(path) as file:
             expect_size_to_read(path, *file.size)
-            picture = ImageOps.exif_transpose(file) if upright else _as_stored(file)
-            picture.load()
+            turn = (
+                AS_STORED.get(file.getexif().get(ExifTags.Base.Orientation, 1)) if file.format == "TIFF" and not upright else None
+            )
+            picture = ImageOps.exif_transpose(file) if upright else file.copy()
+            picture = picture if turn is None else picture.transpose(turn)  # of all formats Pillow turns TIFF while it loads it
     except InputError:  # of the size
         raise
     except (OSError, SyntaxError, ValueError, struct.error, Image.DecompressionBombError) as error:  # as its formats raise them
@@ -151,14 +154,6 @@ def open_picture(path: Path, *, upright: bool = False) -> Image.Image:
     if picture.mode == "LAB":
         raise InputError(f"{path}: expected red, green and blue, or grey, found the colours of CIE Lab; save it as sRGB")
     return picture
-
-
-def _as_stored(file: Image.Image) -> Image.Image:
-    """The picture with its rows and columns as the file has them; of all formats Pillow turns TIFF while it loads it."""
-    orientation = file.getexif().get(ExifTags.Base.Orientation) if file.format == "TIFF" else None
-    file.load()
-    turn = AS_STORED.get(orientation) if orientation is not None else None
-    return file.copy() if turn is None else file.transpose(turn)
 
 
 # ---------------------------------------------------------------- colour profiles (ICC)

@@ -21,7 +21,7 @@ from ia_bench.priors.oracle import OraclePrior
 from ia_bench.priors.validation import ask, ask_to_distill, check_prior_info
 from ia_bench.scenes.scene import View
 
-DIALS = {"scale": 0.02, "shift": 0.02, "noise": 0.02, "blur": 0.7, "baked": 0.2, "inconsistency": 0.05}
+DIALS = {"scale": 0.02, "noise": 0.02, "baked": 0.2, "inconsistency": 0.05}
 
 
 ALBEDO_ALONE = {"components": ["albedo"], "noise": 0.02}

@@ -18,7 +18,7 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion import encoding
-from ia_bench.priors.diffusion.framing import Frame, enlarge, enlarge_by_gain
+from ia_bench.priors.diffusion.encoding import Frame, enlarge, enlarge_by_gain
 from ia_bench.priors.inputs import check_views
 from ia_bench.priors.weight_files import fill
 

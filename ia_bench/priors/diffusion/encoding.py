@@ -3,12 +3,22 @@
 An image has an unknown exposure. It is divided out before anything is encoded: a photograph and a render of the same
 object then look the same to the network, and the specular shading, which scales with the image, is predicted relative
 to it. The albedo does not scale.
+
+The object is cut out of an image into the square that a network sees, and predictions are put back.
+Enlarging an albedo would blur it: on the development scenes even the truth has only 23 to 25 dB after a way through 64 x 64
+and back. So what is enlarged is the smooth part, as in joint upsampling (Kopf et al. 2007). The functions for this take display
+values in [0, 1]: the prediction ``reduced`` (S, S, 3); what it is compared with, as the network saw it (``seen``, (S, S, 3)) and
+at its own size (``image`` or ``render``, (H, W, 3)); and where the prediction counts (``known``, (S, S)).
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 from ia_bench.scenes.images import straight
@@ -19,6 +29,12 @@ EXPOSED_VALUE = 0.7
 """Linear; leaves half a stop to highlights before an image clips, as a camera's automatic exposure does."""
 FAINTEST = 1e-3
 """A coverage below it counts as it: what so faint a pixel shows is rounding."""
+MARGIN = 0.03
+"""Margin on each side of the box around the object, as a share of its side: training images leave about as much."""
+MULTIPLE = 8
+"""Pixels of which the side of a frame at full resolution is a multiple, so that views of nearly one size make one batch."""
+FLOOR = 0.03
+"""Display value added to both sides of a gain, so that black pixels of an image allow any albedo."""
 
 
 def exposure(images: Tensor, masks: Tensor) -> Tensor:
@@ -68,3 +84,102 @@ def encode_geometry(normals: Tensor, visibility: Tensor) -> Tensor:
 def _encode(colour: Tensor, masks: Tensor) -> Tensor:
     encoded = 2 * linear_to_srgb(colour.clamp(0, 1)) - 1
     return torch.where(masks[..., None] > 0, encoded, torch.zeros_like(encoded)).movedim(-1, 1)
+
+
+# ---- frames -----------------------------------------------------------------------------------------------------------
+
+
+def box_of(inside: Tensor) -> tuple[slice, slice] | None:
+    """Rows and columns of the smallest box that holds what is true in (H, W); None where nothing is."""
+    rows, columns = (torch.nonzero(inside.any(axis))[:, 0].tolist() for axis in (1, 0))
+    return (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)) if rows else None
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A square of the image, and the size that it is resized to, all in pixels.
+
+    ``top`` and ``left`` are its first row and column, which may be negative; ``length`` is its side in the image, ``side`` that
+    after resizing.
+    """
+
+    top: int
+    left: int
+    length: int
+    side: int
+
+    @classmethod
+    def around(cls, mask: Tensor, side: int | None, margin: float = MARGIN) -> Frame | None:
+        """The square around the foreground of ``mask`` (H, W), with a ``margin``; None where nothing is covered.
+
+        It is resized to ``side``, or for None left as it is, with its length a multiple of MULTIPLE.
+        """
+        box = box_of(mask > 0)
+        if box is None:
+            return None
+        length = math.ceil(max(part.stop - part.start for part in box) * (1 + 2 * margin))
+        if side is None:
+            length = math.ceil(length / MULTIPLE) * MULTIPLE
+        top, left = ((part.start + part.stop - length) // 2 for part in box)
+        return cls(top, left, length, length if side is None else side)
+
+    def cut(self, values: Tensor) -> Tensor:
+        """Cut premultiplied values (H, W, C) out: (side, side, C). What lies outside the image is zero."""
+        place, here = self._overlap(*values.shape[:2])
+        square = values.new_zeros(self.length, self.length, values.shape[-1])
+        square[here] = values[place]
+        return _resize(square, self.side)
+
+    def paste(self, values: Tensor, weight: Tensor, mask: Tensor) -> Tensor:
+        """Put straight values (side, side, C) back into the image: (H, W, C), times ``mask``.
+
+        They are known where ``weight`` (side, side) > 0; a pixel near the edge averages only what is known.
+        """
+        known = torch.cat([values * weight[..., None], weight[..., None]], -1)
+        known = _resize(known, self.length).clamp_min(0)
+        straight = known[..., :-1] / known[..., -1:].clamp_min(1e-4)
+        place, here = self._overlap(*mask.shape)
+        image = values.new_zeros(*mask.shape, values.shape[-1])
+        image[place] = straight[here]
+        return image * mask[..., None]
+
+    def _overlap(self, height: int, width: int) -> list[tuple[slice, ...]]:
+        """Rows and columns that image and square share, as each of them counts."""
+        starts = (self.top, self.left)
+        spans = [(max(at, 0), min(at + self.length, size)) for at, size in zip(starts, (height, width), strict=True)]
+        here = tuple(slice(first - at, last - at) for at, (first, last) in zip(starts, spans, strict=True))
+        return [tuple(slice(*span) for span in spans), here]
+
+
+def _resize(square: Tensor, side: int) -> Tensor:
+    if square.shape[0] == side:
+        return square
+    moved = square.movedim(-1, 0)[None]
+    return F.interpolate(moved, (side, side), mode="bilinear", antialias=True, align_corners=False)[0].movedim(0, -1)
+
+
+def enlarge(frame: Frame, reduced: Tensor, known: Tensor, shape: torch.Size) -> Tensor:
+    """Enlarge ``reduced`` smoothly, for specular shading, whose highlights are no texture of the image."""
+    return frame.paste(reduced, known, torch.ones(shape))
+
+
+def enlarge_by_gain(frame: Frame, reduced: Tensor, seen: Tensor, image: Tensor, known: Tensor) -> Tensor:
+    """Multiply ``image`` by the enlarged ratio of an albedo to the image as the network saw it.
+
+    The ratio is the inverse of shading and as smooth as that is, while texture is the image's own.
+    """
+    if frame.length == frame.side:
+        return enlarge(frame, reduced, known, image.shape[:2])
+    gain = enlarge(frame, (reduced + FLOOR) / (seen + FLOOR), known, image.shape[:2])
+    return ((image + FLOOR) * gain - FLOOR).clamp(0, 1)
+
+
+def enlarge_by_difference(frame: Frame, reduced: Tensor, seen: Tensor, render: Tensor, known: Tensor) -> Tensor:
+    """Add to ``render`` the enlarged difference between the prediction and the render as the network saw it.
+
+    It serves what was guided by the render or denoised from it: where the network changes nothing, nothing changes.
+    """
+    if frame.length == frame.side:
+        return enlarge(frame, reduced, known, render.shape[:2])
+    change = 2 * enlarge(frame, (1 + reduced - seen) / 2, known, render.shape[:2]) - 1  # frames paste nothing below zero
+    return (render + change).clamp(0, 1)

@@ -20,7 +20,7 @@ from ia_bench.common.ranges import Number
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion import encoding
-from ia_bench.priors.diffusion.framing import Frame, enlarge, enlarge_by_difference, enlarge_by_gain
+from ia_bench.priors.diffusion.encoding import Frame, enlarge, enlarge_by_difference, enlarge_by_gain
 from ia_bench.priors.diffusion.network import DESCRIPTION, Conditioned, MaterialNetwork, NetworkConfig, fingerprint, load_network
 from ia_bench.priors.inputs import Device, Precision, check_views, choose_device, content_number, use_bf16
 from ia_bench.priors.weight_files import read_description

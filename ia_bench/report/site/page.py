@@ -32,7 +32,7 @@ from ia_bench.report.statistics import HOW_DECIDED, HOW_JUDGED, INTERVALS, Estim
 from ia_bench.report.table import BOUNDS, ORIGINS, OUR_TABLE, claims_table, difference_text, estimate_text
 from ia_bench.report.worth import maps
 from ia_bench.report.write import remove_all_but, write_text
-from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, CellStatus, Overview
+from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, Overview
 from ia_bench.runs.folder import CURVE
 from ia_bench.runs.pictures.packing import compact
 from ia_bench.runs.table import Table, crossed_name
@@ -241,7 +241,11 @@ def findings_so_far(overview: Overview, table: Table) -> Findings:
 
 def write_news(parts: Path, overview: Overview, every: float, *, ended: bool = False) -> None:
     """Write the news into a page's folder of parts. ``ended``: nobody will write any more."""
-    left = overview.seconds_left()
+    left, curves = overview.seconds_left(), []
+    for one in overview.of(RUNNING):
+        with suppress(InputError):  # it says so itself once it has finished
+            if (curve := read_curve(one.cell.folder / CURVE)) is not None:
+                curves.append({"row": one.cell.row, "scene": one.cell.scene, **curve_data(curve)})
     news = {
         "key": key_of(overview),
         "every": every,
@@ -252,15 +256,6 @@ def write_news(parts: Path, overview: Overview, every: float, *, ended: bool = F
             [one.cell.row, one.cell.scene, one.cell.seed, one.state, one.seconds and round(one.seconds), one.says]
             for one in overview.cells
         ],
-        "curves": [
-            {"row": one.cell.row, "scene": one.cell.scene, **curve} for one in overview.of(RUNNING) for curve in _curves(one)
-        ],
+        "curves": curves,
     }
     write_text(parts / "live.js", f"bench.news({compact(news)});\n")
-
-
-def _curves(one: CellStatus) -> list[dict[str, Any]]:
-    with suppress(InputError):  # it says so itself once it has finished
-        if (curve := read_curve(one.cell.folder / CURVE)) is not None:
-            return [curve_data(curve)]
-    return []

@@ -7,12 +7,15 @@ import torch
 
 from ia_bench.priors.diffusion.encoding import (
     EXPOSED_VALUE,
+    Frame,
     decode,
     encode,
     encode_image,
+    enlarge,
+    enlarge_by_difference,
+    enlarge_by_gain,
     exposure,
 )
-from ia_bench.priors.diffusion.framing import Frame, enlarge, enlarge_by_difference, enlarge_by_gain
 
 SIZE = 100
 

@@ -14,7 +14,7 @@ from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import Observations
 from ia_bench.priors.diffusion import prior as diffusion_prior
 from ia_bench.priors.diffusion import sampler
-from ia_bench.priors.diffusion.framing import MARGIN, Frame
+from ia_bench.priors.diffusion.encoding import MARGIN, Frame
 from ia_bench.priors.diffusion.learned import RegressorPrior
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import patch_origins

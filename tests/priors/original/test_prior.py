@@ -21,7 +21,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS, Observations
-from ia_bench.priors.diffusion.framing import Frame
+from ia_bench.priors.diffusion.encoding import Frame
 from ia_bench.priors.inputs import content_number
 from ia_bench.priors.original import IntrinsicAnythingPrior, encode, pull
 
