@@ -1,4 +1,4 @@
-"""The smoothness term of equation 5 with its gradient, in one pass over pairs of neighbours."""
+"""What steps do with whole textures: the smoothness term of equation 5 with its gradient, and a texture added at twice its size."""
 
 import warp as wp
 
@@ -42,3 +42,38 @@ def differences(
                         row = b.index[t] // width
                         wp.atomic_add(gradient, row, b.index[t] - row * width, c, -slope * b.weight[t])
     totals[n] = total
+
+
+_ADD_DOUBLED_ROW = """
+    const float down = 0.5f * row > 0.25f ? 0.5f * row - 0.25f : 0.0f;
+    const int top = (row + 1) / 2 - 1 > 0 ? (row + 1) / 2 - 1 : 0, bottom = top + 1 < height ? top + 1 : top;
+    const float below = down - top, above = 1.0f - below;
+    const float* upper = coarse.data + top * width * channels;
+    const float* lower = coarse.data + bottom * width * channels;
+    float* sums = fine.data + row * 2 * width * channels;
+    for (int c = 0; c < channels; ++c) {
+        float here = above * upper[c] + below * lower[c], left = here;
+        for (int k = c; k < width * channels; k += channels) {
+            const int next = k + channels < width * channels ? k + channels : k;
+            const float right = above * upper[next] + below * lower[next];
+            sums[2 * k - c] += 0.75f * here + 0.25f * left;
+            sums[2 * k - c + channels] += 0.75f * here + 0.25f * right;
+            left = here;
+            here = right;
+        }
+    }
+"""
+
+
+@wp.func_native(_ADD_DOUBLED_ROW)
+def _add_doubled_row(
+    coarse: wp.array(dtype=float), height: int, width: int, channels: int, row: int, fine: wp.array(dtype=float)
+): ...  # fmt: skip
+
+
+@wp.kernel(enable_backward=False)
+def add_doubled(
+    first: int, coarse: wp.array(dtype=float), height: int, width: int, channels: int, fine: wp.array(dtype=float)
+):  # fmt: skip
+    """A row of an image to which one of half its resolution, (height, width, channels), is added bilinearly; both lie flat."""
+    _add_doubled_row(coarse, height, width, channels, first + wp.tid(), fine)

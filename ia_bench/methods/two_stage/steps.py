@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, interpolate
+
+from ia_bench.common.warp_launch import launch
+from ia_bench.methods.two_stage.kernels import add_doubled
 
 LEAST_SIDE = 4  # rows of the coarsest level at least: fewer are the mean, which light and albedo exchange (ScaleAmbiguityStep)
 MAX_WHITE = 0.01  # fraction of the observed texels that a step may leave beyond white ...
@@ -49,16 +52,22 @@ class MultigridSteps:
             gradient = gradients.get(name)
             for level in levels:
                 if gradient is not None and name in moving:  # the sums of 2 x 2 texels
-                    gradient = (4 * avg_pool2d(gradient.permute(2, 0, 1)[None], 2))[0].permute(1, 2, 0).contiguous()
+                    gradient = _halved(gradient)
                 level.grad = gradient if name in moving else None
         self.optimizer.step()
         for name in moving:
-            step = torch.zeros_like(self._levels[name][-1])
-            for level in reversed(self._levels[name]):
-                coarse = (step + level).permute(2, 0, 1)[None]
-                step = interpolate(coarse, scale_factor=2, mode="bilinear", align_corners=False)[0].permute(1, 2, 0)
-                level.zero_()
-            self._images[name].add_(step)
+            for fine, coarse in reversed(list(pairwise([self._images[name], *self._levels[name]]))):
+                flat = coarse.view(-1), *coarse.shape, fine.view(-1)
+                launch(add_doubled, len(fine), *flat, device=fine.device)
+                coarse.zero_()
+
+
+def _halved(image: Tensor) -> Tensor:
+    """The sums over 2 x 2 texels of (H, W, C): (H / 2, W / 2, C)."""
+    height, width, channels = image.shape
+    rows = image.reshape(height // 2, 2, width * channels)
+    pairs = (rows[:, 0] + rows[:, 1]).view(height // 2, width // 2, 2, channels)
+    return pairs[:, :, 0] + pairs[:, :, 1]
 
 
 def _levels(image: Tensor) -> list[Tensor]:
