@@ -12,35 +12,34 @@ def differences(
     neighbours: wp.array2d(dtype=wp.int64),
     similarities: wp.array2d(dtype=float),
     uvs: wp.array(dtype=wp.vec2),
-    texture: wp.array3d(dtype=float),
+    texture: wp.array(dtype=float),
+    side: int,
+    channels: int,
+    price: float,
     totals: wp.array(dtype=float),
-    gradient: wp.array3d(dtype=float),
+    gradient: wp.array(dtype=float),
 ):
-    """Of a pixel's two pairs: the similarity times the sum over channels of the absolute difference, and its gradient."""
+    """Of a pixel's two pairs: ``price`` times similarity times the sum over channels of the absolute difference; its gradient."""
     n = first + wp.tid()
     here = int(pixels[n])
-    width = texture.shape[1]
     total = float(0.0)
     for pair in range(2):
-        similarity = similarities[here, pair]
+        similarity = price * similarities[here, pair]
         if similarity > 0.0:
-            a = bilinear_taps(uvs[here], texture.shape[0], width)
-            b = bilinear_taps(uvs[int(neighbours[here, pair])], texture.shape[0], width)
-            for c in range(texture.shape[2]):
+            a = bilinear_taps(uvs[here], side, side)
+            b = bilinear_taps(uvs[int(neighbours[here, pair])], side, side)
+            a_index = a.index * channels
+            b_index = b.index * channels
+            for c in range(channels):
                 difference = float(0.0)
                 for t in range(4):
-                    row = a.index[t] // width
-                    difference += a.weight[t] * texture[row, a.index[t] - row * width, c]
-                    row = b.index[t] // width
-                    difference -= b.weight[t] * texture[row, b.index[t] - row * width, c]
+                    difference += a.weight[t] * texture[a_index[t] + c] - b.weight[t] * texture[b_index[t] + c]
                 total += similarity * wp.abs(difference)
-                slope = similarity * wp.sign(difference)
                 if difference != 0.0:
+                    slope = similarity * wp.sign(difference)
                     for t in range(4):
-                        row = a.index[t] // width
-                        wp.atomic_add(gradient, row, a.index[t] - row * width, c, slope * a.weight[t])
-                        row = b.index[t] // width
-                        wp.atomic_add(gradient, row, b.index[t] - row * width, c, -slope * b.weight[t])
+                        wp.atomic_add(gradient, a_index[t] + c, slope * a.weight[t])
+                        wp.atomic_add(gradient, b_index[t] + c, -slope * b.weight[t])
     totals[n] = total
 
 

@@ -183,13 +183,12 @@ class _Smoothness(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, texture: Tensor, pairs: PixelPairs, pixels: Tensor) -> Tensor:  # noqa: ANN401 (torch's context)
         ctx.gradient, totals = torch.zeros_like(texture), texture.new_zeros(len(pixels))
+        side, _, channels = texture.shape
         launch(
-            differences, len(pixels), pixels, pairs.index, pairs.similarity, pairs.uv, texture, totals,
-            sums=[ctx.gradient], device=texture.device,
+            differences, len(pixels), pixels, pairs.index, pairs.similarity, pairs.uv, texture.reshape(-1), side, channels,
+            1 / (2 * len(pixels) * channels), totals, sums=[ctx.gradient.view(-1)], device=texture.device,
         )  # fmt: skip
-        count = 2 * len(pixels) * texture.shape[-1]
-        ctx.gradient /= count
-        return totals.sum() / count
+        return totals.sum()
 
     @staticmethod
     @once_differentiable
