@@ -6,7 +6,7 @@ import warp as wp
 from ia_bench.common.warp_launch import launch
 from ia_bench.common.warp_math import turned, unit
 from ia_bench.light import warp_latlong as light
-from ia_bench.light.latlong import LatLongSampler
+from ia_bench.light.latlong import LatLongSampler, sampling_grid
 from ia_bench.material import warp_brdf as brdf
 from ia_bench.material.textures import fetch
 from ia_bench.render.estimator import DirectionSamples
@@ -39,10 +39,11 @@ def _densities(
 
 @wp.kernel(enable_backward=False)
 def _to_directions(
-    first: int, texels: wp.array(dtype=int), u: wp.array(dtype=wp.vec2), height: int, width: int, found: wp.array(dtype=wp.vec3)
-):
+    first: int, texels: wp.array(dtype=int), u: wp.array(dtype=wp.vec2), heights: wp.array(dtype=wp.float32), width: int,
+    found: wp.array(dtype=wp.vec3),
+):  # fmt: skip
     n = first + wp.tid()
-    found[n] = light.texel_to_direction(texels[n], u[n][0], u[n][1], height, width)
+    found[n] = light.texel_to_direction(texels[n], u[n][0], u[n][1], heights, width)
 
 
 @wp.kernel(enable_backward=False)
@@ -126,7 +127,8 @@ def density(sampler: LatLongSampler, cell: torch.Tensor, texel: torch.Tensor) ->
 def texel_to_direction(texel: torch.Tensor, u: torch.Tensor, v: torch.Tensor, height: int, width: int) -> torch.Tensor:
     """Directions (..., 3) at ``u``, ``v`` in [0, 1) of texels."""
     inside = torch.stack([u, v], -1).float().reshape(-1, 2).contiguous()
-    return _call(_to_directions, texel.shape, 3, _flat(texel, texel.shape, dtype=torch.int32), inside, height, width)
+    heights = sampling_grid(height, width, CPU).heights
+    return _call(_to_directions, texel.shape, 3, _flat(texel, texel.shape, dtype=torch.int32), inside, heights, width)
 
 
 def direction_to_texel(direction: torch.Tensor, height: int, width: int) -> torch.Tensor:

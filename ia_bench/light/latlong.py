@@ -66,6 +66,7 @@ class SamplingGrid(NamedTuple):
         order: (T,) int32, the texels sorted by their block.
         block: (T,) int32, the block of each texel.
         end: (K,) int32, where each block's texels end in ``order``.
+        heights: (H + 1,) float32, z between the rows of texels.
     """
 
     bound: Tensor
@@ -74,6 +75,7 @@ class SamplingGrid(NamedTuple):
     order: Tensor
     block: Tensor
     end: Tensor
+    heights: Tensor
 
 
 @functools.cache
@@ -96,7 +98,8 @@ def sampling_grid(height: int, width: int, device: torch.device) -> SamplingGrid
     total = (bound[:, block] * solid_angle).sum(1, keepdim=True).float()
     end = torch.bincount(block).cumsum(0)
     order = torch.argsort(block, stable=True)
-    grid = SamplingGrid(bound, total, solid_angle, order.int(), block.int(), end.int())
+    heights = torch.cos(torch.arange(height + 1, dtype=torch.float64) * (math.pi / height)).float()
+    grid = SamplingGrid(bound, total, solid_angle, order.int(), block.int(), end.int(), heights)
     return SamplingGrid(*(table.to(device) for table in grid))
 
 

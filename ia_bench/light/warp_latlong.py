@@ -19,7 +19,7 @@ class Tables:
     """The tensors of a :class:`~ia_bench.light.latlong.LatLongSampler`, for ``height`` x ``width`` texels in ``blocks`` blocks.
 
     ``guide`` (cells, GUIDE + 1) says which of a cell's entries is the first above 0, 1 / GUIDE, ..., 1, so that a search has little
-    left to look through.
+    left to look through. ``heights`` (height + 1,): z between the rows of texels.
     """
 
     entries: wp.array(dtype=wp.float64)
@@ -33,6 +33,7 @@ class Tables:
     block: wp.array(dtype=wp.int32)
     end: wp.array(dtype=wp.int32)
     guide: wp.array2d(dtype=wp.int32)
+    heights: wp.array(dtype=wp.float32)
     blocks: wp.int32
     height: wp.int32
     width: wp.int32
@@ -43,7 +44,7 @@ def tables_of(sampler: LatLongSampler) -> Tables:
     tables, grid = Tables(), sampler.grid
     for name in ("entries", "texels", "edges", "brightness", "share", "evenly"):
         setattr(tables, name, wp.from_torch(getattr(sampler, name)))
-    for name in ("order", "block", "end"):
+    for name in ("order", "block", "end", "heights"):
         setattr(tables, name, wp.from_torch(getattr(grid, name)))
     tables.bound = wp.from_torch(grid.bound.reshape(-1))
     guide = torch.empty(BIN_SIDE**2, GUIDE + 1, dtype=torch.int32, device=sampler.entries.device)
@@ -80,15 +81,16 @@ def normal_bin(normal: wp.vec3) -> int:
 
 @wp.func
 def first_above(sorted: wp.array(dtype=wp.float64), first: int, last: int, value: wp.float64) -> int:
-    """The first place in [first, last) whose entry is above ``value``, or ``last``."""
+    """The first place in [first, last) whose entry is above ``value``, or ``last``.
+
+    A step moves or does not without a jump: processors guess every other such jump wrongly, which takes longer than the step.
+    """
     low = int(first)
-    high = int(last)
-    while low < high:
-        middle = (low + high) // 2
-        if sorted[middle] > value:
-            high = middle
-        else:
-            low = middle + 1
+    left = int(last - first)
+    while left > 0:
+        half = (left + 1) >> 1
+        low = wp.where(sorted[low + half - 1] > value, low, low + half)
+        left -= half
     return low
 
 
@@ -126,13 +128,12 @@ def density(tables: Tables, cell: int, texel: int) -> float:
 
 
 @wp.func
-def texel_to_direction(texel: int, u: float, v: float, height: int, width: int) -> wp.vec3:
-    """The direction at ``u``, ``v`` in [0, 1) of a texel, uniform in solid angle."""
+def texel_to_direction(texel: int, u: float, v: float, heights: wp.array(dtype=wp.float32), width: int) -> wp.vec3:
+    """The direction at ``u``, ``v`` in [0, 1) of a texel, uniform in solid angle; ``heights`` as :class:`Tables` has them."""
     row = texel // width
     column = texel - row * width
-    upper = turned(0.5 * float(row) / float(height))
-    lower = turned(0.5 * float(row + 1) / float(height))
-    z = upper[0] + (lower[0] - upper[0]) * u
+    upper = heights[row]
+    z = upper + (heights[row + 1] - upper) * u
     radius = wp.sqrt(wp.max(1.0 - z * z, 0.0))
     around = turned(0.5 - (float(column) + v) / float(width))
     return wp.vec3(radius * around[0], radius * around[1], z)

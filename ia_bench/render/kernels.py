@@ -155,7 +155,7 @@ def draw(
         if technique == 0:
             texel = sample_texel(tables, cell, u)
             w = float(fraction(rotation[2] + index * _PLASTIC))
-            direction = texel_to_direction(texel, v, w, tables.height, tables.width)
+            direction = texel_to_direction(texel, v, w, tables.heights, tables.width)
         else:
             direction = sample_visible_ggx(point, float(u), v)
         cosine = wp.dot(point.normal, direction)
