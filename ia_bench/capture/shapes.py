@@ -24,8 +24,7 @@ from ia_bench.geometry.consistency import MovingPhotographs
 from ia_bench.geometry.grid import mesh_of, smoothed
 from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.refinement import surface_from_images
-from ia_bench.scenes.exr import read_exr
-from ia_bench.scenes.photograph import read_array, read_values
+from ia_bench.scenes.photograph import read_stored
 from ia_bench.scenes.scene import Mesh, Scene, View
 
 VERSION = 1  # of how a mesh is made: those that another one made are not taken from the cache
@@ -152,7 +151,10 @@ def _normals_of(view: View, folder: Path) -> np.ndarray:
             f"{folder}: expected one of {', '.join(names)} for training view {view.name}, found {' and '.join(there) or 'none'}"
         )
     path = file_below(folder, there[0], SETTING)
-    stored = _stored(path)
+    stored = read_stored(path)
+    if path.suffix == ".png":
+        stored = np.where(stored[..., 3:] > KNOWN if stored.shape[-1] == 4 else True, 2 * stored[..., :3] - 1, 0)
+    stored = stored[..., :3]
     (height, width), block = view.mask.shape, stored.shape[0] // view.mask.shape[0]
     if block == 0 or stored.shape[:2] != (block * height, block * width):
         size, found = f"{width} x {height}", f"{stored.shape[1]} x {stored.shape[0]}"
@@ -166,16 +168,3 @@ def _normals_of(view: View, folder: Path) -> np.ndarray:
         raise InputError(f"{path}: expected unit normals, found a median length of {np.median(length[solid]):.2f}")
     mean = np.linalg.norm(normals, axis=-1, keepdims=True)
     return np.where(mean > KNOWN, normals / np.maximum(mean, KNOWN), 0).astype(np.float32)
-
-
-def _stored(path: Path) -> np.ndarray:
-    """The vectors (H, W, 3) of a file, before anything is asked of them."""
-    if path.suffix == ".exr":
-        return read_exr(path, 3)
-    if path.suffix == ".png":
-        values = read_values(path)
-        return np.where(values[..., 3:] > KNOWN, 2 * values[..., :3] - 1, 0)
-    values = read_array(path)
-    if values.ndim != 3 or values.shape[2] != 3:
-        raise InputError(f"{path}: expected numbers of shape (H, W, 3), found {values.shape}")
-    return values.astype(np.float32)

@@ -15,9 +15,8 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.info import HeldOut, MethodInfo
 from ia_bench.methods.monitor import CostTracker, Monitor, Result
-from ia_bench.methods.photographs import Photographs
+from ia_bench.methods.photographs import Photographs, evenly_spread
 from ia_bench.methods.plan import Plan, choose_prior_views, make_plan
-from ia_bench.methods.views import evenly_spread
 from ia_bench.priors.contract import NoPrior, Prior, PriorInfo, Samples
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.renderer import Renderer

@@ -21,9 +21,9 @@ from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.files import read_json, user_path
 from ia_bench.methods.info import HeldOut, MethodInfo
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.exr import read_exr, refuse_negative
+from ia_bench.scenes.exr import refuse_negative
 from ia_bench.scenes.images import Images
-from ia_bench.scenes.photograph import open_picture, picture_values
+from ia_bench.scenes.photograph import read_stored
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -149,23 +149,14 @@ class Pictures:
         from ia_bench.render.stage import camera_key
 
         path, grey = self.paths[folder][camera_key(camera)], folder == "roughness"
-        if path.suffix == ".exr":
-            image = read_exr(path, None, grey=grey)
-            alpha = image[..., 3].clip(0, 1) if image.shape[-1] == 4 else np.ones(image.shape[:2], np.float32)
-            image = image[..., :3]
-        else:
-            encoding = self._options.encoding
-            if folder == "albedo":
-                encoding = self._options.albedo_encoding or encoding
+        stored = read_stored(path, grey=grey)
+        alpha = stored[..., 3].clip(0, 1) if stored.shape[-1] == 4 else np.ones(stored.shape[:2], np.float32)
+        image = stored[..., :3]
+        if path.suffix == ".png":
+            encoding = (self._options.albedo_encoding if folder == "albedo" else None) or self._options.encoding
             if encoding is None and not grey:
                 raise InputError(f"{path}: expected {OPTION}encoding=srgb or linear with PNG pictures, found none")
-            picture = open_picture(path)
-            if len(picture.getbands()) < 3 and picture.mode != "P" and not grey:
-                raise InputError(f"{path}: expected red, green and blue, found {len(picture.getbands())} channel(s)")
-            stored = picture_values(path, picture)
-            alpha = stored[..., 3]
-            straight = srgb_to_linear(stored[..., :3]) if encoding == "srgb" and not grey else stored[..., :3]
-            image = straight * alpha[..., None]
+            image = (srgb_to_linear(image) if encoding == "srgb" and not grey else image) * alpha[..., None]
         refuse_negative(path, image)
         if alpha.shape != (camera.height, camera.width):
             height, width = alpha.shape

@@ -1,9 +1,10 @@
-"""What the training photographs show in the pixels of a G-buffer, and how far each of them can be believed."""
+"""What the training photographs show in a G-buffer's pixels, how far each can be believed, and which a prior is asked about."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,9 +12,11 @@ import torch
 from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
+from ia_bench.material.brdf import normalize, tangent_frame
 from ia_bench.material.textures import Material
-from ia_bench.render.gbuffer import GBuffer
-from ia_bench.scenes.scene import Scene, View
+from ia_bench.render.estimator import lattice
+from ia_bench.render.gbuffer import GBuffer, sees
+from ia_bench.scenes.scene import Scene, View, farthest_first
 
 if TYPE_CHECKING:
     from ia_bench.methods.contract import Problem
@@ -25,6 +28,8 @@ PIXELS = 8192
 USUAL, LEVEL = (0.04, 4.0), 0.2
 """Photographs whose mean radiance lies in the range USUAL, as in all scenes by which prices and weights were chosen, are compared
 as they are, others as if it were LEVEL: what a fit finds must not depend on the unit of the radiance."""
+AMBIENT_RAYS = 32  # a pixel, shared by its points
+CHUNK = 16_384  # pixels at a time
 
 
 @dataclass(frozen=True)
@@ -121,3 +126,101 @@ def light_of_the_mean_image(
     rendered = problem.renderer.render_pixels(gbuffer, pixels, material, ones, problem.plan.samples, generator).radiance
     mean = problem.photographs.radiance[entries].mean(0)
     return mean.clamp_min(1e-30) / rendered.mean(0).clamp_min(1e-8), rendered
+
+
+# ---- some of the training views: which ones a prior is asked about, their part of the G-buffer ----
+
+
+def evenly_spread(scene: Scene, count: int | str) -> tuple[int, ...]:
+    """At most ``count`` training views ("all": every one) in their order, spread over the directions of the cameras."""
+    return tuple(sorted(spreading_order(scene, len(scene.train) if count == "all" else int(count))))
+
+
+def spreading_order(scene: Scene, count: int) -> list[int]:
+    """The first ``count`` training views by farthest-point sampling of the directions from the mesh to the cameras."""
+    vertices = scene.expect_mesh().vertices
+    return farthest_first(scene.train, 0.5 * (vertices.min(0) + vertices.max(0)))[:count]
+
+
+def views_needed(seen: Tensor, per_point: int, share: float) -> int:
+    """How many of the views, in the order of the columns of ``seen`` (N, V) bool, show the points often enough.
+
+    At least ``share`` of the points (of those that any view sees) by ``per_point`` views each, or by all that see them.
+    """
+    counts = seen.long().cumsum(1)
+    counts = counts[counts[:, -1] > 0]
+    if not len(counts):
+        return seen.shape[1]
+    wanted = counts[:, -1:].clamp(max=per_point)
+    enough = (counts >= wanted).double().mean(0)
+    return int((enough >= share).int().argmax()) + 1
+
+
+def restrict(gbuffer: GBuffer, views: tuple[int, ...]) -> tuple[GBuffer, Tensor]:
+    """The G-buffer of some views (ascending), and the entries (P',) of the whole one that it holds."""
+    count, height, width = gbuffer.shape
+    rank = torch.full((count,), -1, device=gbuffer.pixel.device)
+    rank[list(views)] = torch.arange(len(views), device=rank.device)
+    place = rank[gbuffer.view()]
+    rows = torch.nonzero(place >= 0)[:, 0]
+    part = gbuffer.at(rows)
+    pixel = place[rows] * (height * width) + part.pixel % (height * width)
+    return replace(part, pixel=pixel, to_world=gbuffer.to_world[list(views)], shape=(len(views), height, width)), rows
+
+
+# ---- what a prior that reads geometry is given ----
+
+
+@torch.no_grad()
+def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Tensor]:
+    """Normals (V, H, W, 3) and visibility (V, H, W, 1) of some training views, as observations hold them.
+
+    Both are box-filtered over the pixel's points like every premultiplied image, as in the data that priors are trained on.
+    Visibility is estimated from about 32 cosine-distributed directions a pixel, as many for each of its points, asked of the
+    renderer's own shadows; a convex object, for which the plan leaves shadows out, is open everywhere. On the CPU, like
+    everything a prior is given.
+    """
+    gbuffer, _ = restrict(problem.gbuffer, views)
+    device = gbuffer.face.device
+    rotations = np.stack([problem.scene.train[view].camera.to_world[:3, :3] for view in views]).astype(np.float32)
+    to_world = torch.from_numpy(rotations).to(device)
+    normals, visibility = (torch.zeros(len(gbuffer.pixel), channels, device=device) for channels in (3, 1))
+    generator, side = torch.Generator(device=device).manual_seed(0), gbuffer.subsamples
+    count = max(1, AMBIENT_RAYS // side)
+    for rows in torch.arange(len(gbuffer.pixel), device=device).split(CHUNK):
+        face, camera = gbuffer.face[rows], gbuffer.seen_from(rows).repeat_interleave(side, 0)
+        hit, barycentric = face >= 0, gbuffer.barycentric[rows].reshape(-1, 2)
+        points = problem.renderer.surface(face.clamp_min(0).reshape(-1).long(), barycentric, camera)  # those that miss are any
+        world = (points.normal.reshape(*hit.shape, 3) * hit[..., None]).mean(1)
+        normals[rows] = torch.einsum("pi,pij->pj", world, to_world[gbuffer.view(rows)])
+        rotation = torch.rand(len(rows), 3, generator=generator, dtype=torch.float64, device=device)
+        samples = lattice(rotation, side, count)[..., :2].float().reshape(-1, count, 2)
+        asked = hit.reshape(-1, 1).expand(-1, count)
+        open_there = asked & ~problem.renderer.visibility.blocked(points, cosine_directions(points.normal, samples), asked)
+        visibility[rows] = open_there.float().reshape(*hit.shape, count).mean(-1).mean(1, keepdim=True)
+    return gbuffer.images(normals).cpu(), gbuffer.images(visibility).cpu()
+
+
+@torch.no_grad()
+def count_views(problem: Problem, views: tuple[int, ...]) -> Tensor:
+    """How many training photographs show well (:func:`sees`) what the pixels of some of them show: (V, H, W, 1), on the CPU.
+
+    Of a pixel its first point counts; 0 where that misses.
+    """
+    gbuffer, _ = restrict(problem.gbuffer, views)
+    cameras = [view.camera for view in problem.scene.train]
+    hit = gbuffer.face[:, 0] >= 0
+    face, barycentric = gbuffer.face[hit, 0].long(), gbuffer.barycentric[hit, 0]
+    points = problem.renderer.surface(face, barycentric, gbuffer.seen_from(hit))
+    seen = sees(cameras, points.position, points.geometric, problem.stage.rays, problem.stage.surface.offset)
+    counts = torch.zeros(len(hit), 1, device=hit.device)
+    counts[hit] = seen.float().sum(1, keepdim=True)
+    return gbuffer.images(counts).cpu()
+
+
+def cosine_directions(normal: Tensor, samples: Tensor) -> Tensor:
+    """Directions (N, K, 3) around unit normals (N, 3), of density cosine / pi, from samples (N, K, 2) in [0, 1)^2."""
+    radius, angle = samples[..., 0].sqrt(), 2 * math.pi * samples[..., 1]
+    tangent, bitangent = tangent_frame(normal[:, None])
+    flat = tangent * (radius * angle.cos())[..., None] + bitangent * (radius * angle.sin())[..., None]
+    return normalize(flat + normal[:, None] * (1 - samples[..., :1]).clamp_min(0).sqrt())

@@ -17,7 +17,7 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.machine import expect_memory
 from ia_bench.material.brdf import dot, normalize
-from ia_bench.methods.views import spreading_order, views_needed
+from ia_bench.methods.photographs import spreading_order, views_needed
 from ia_bench.render.gbuffer import GBuffer, SurfacePoints, sees
 from ia_bench.render.renderer import samples_taken
 from ia_bench.render.settings import RenderSettings

@@ -37,9 +37,8 @@ from ia_bench.priors.diffusion.encoding import Frame, exposure
 from ia_bench.priors.inputs import check_views
 from ia_bench.readers.pictures import SUFFIXES
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.images import display
-from ia_bench.scenes.photograph import open_picture, read_array
+from ia_bench.scenes.photograph import read_stored
 from ia_bench.scenes.scene import View
 
 ABOUT = "predictions.json"
@@ -249,21 +248,8 @@ def _is_picture(path: Path) -> bool:
 
 def _read(path: Path) -> tuple[Tensor, Tensor | None]:
     """Colours (h, w, 3) as they are stored, and alpha (h, w, 1) where there is some. Raises InputError."""
-    suffix = path.suffix.lower()
-    if suffix == ".npy":
-        values = read_array(path)
-    elif suffix == ".exr":
-        values = read_exr(path, None)
-    else:
-        picture = open_picture(path)
-        kind = "RGBA" if "A" in picture.getbands() or "transparency" in picture.info else "RGB"
-        if picture.mode in ("1", "L", "LA", "I", "F") or picture.mode.startswith("I;"):
-            raise InputError(f"{path}: expected red, green and blue, found a picture in grey ({picture.mode})")
-        values = np.asarray(picture.convert(kind), np.float32) / 255
-    if values.ndim != 3 or values.shape[-1] not in (3, 4) or not values.size:
-        raise InputError(f"{path}: expected (height, width, 3) values, or 4 with alpha, found shape {values.shape}")
-    tensor = torch.from_numpy(np.ascontiguousarray(values, np.float32))
-    if values.shape[-1] == 3:
+    tensor = torch.from_numpy(read_stored(path))
+    if tensor.shape[-1] == 3:
         return tensor, None
     alpha = tensor[..., 3:]
     if not (alpha.min() >= -ROUNDING and alpha.max() <= 1 + ROUNDING):

@@ -36,7 +36,7 @@ import pandas as pd
 
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import read_json, shown
+from ia_bench.common.files import shown
 from ia_bench.common.settings import parsed
 from ia_bench.report.curves import read_curve
 from ia_bench.runs.folder import CURVE
@@ -114,13 +114,13 @@ def as_table(records: Iterable[Record]) -> Runs:
 
 
 def read_run(folder: Path) -> Record:
-    """Read one run folder. What is broken makes the run a failed one, without a cell where its record names none."""
+    """Read one run folder. A record that is broken makes the run a failed one without a cell."""
     try:
         record = RunRecord.read(folder)
     except FileNotFoundError:
         return {"folder": folder, "problem": f"{folder / METRICS_FILE}: expected a run's record, found none"}
     except InputError as error:
-        return {"folder": folder, "problem": str(error), **_cell_of(folder)}
+        return {"folder": folder, "problem": str(error)}
     environment, setup = record.environment, setup_of(folder)
     found = {
         "folder": folder,
@@ -156,23 +156,16 @@ def read_run(folder: Path) -> Record:
         "peak_memory_bytes": record.peak_memory_bytes,
         "rays": record.rays,
         "network_calls": record.network_calls,
-        **_declared(record),
         "photographs": views if type(views) is int and views > 0 else None,
         "reasons": {**{metric.key: NOT_SCORED for metric in MEASURED if record.score(metric.key) is None}, **record.reasons},
     }
+    if (said := record.declared) is not None:  # of results that were made elsewhere, whose seconds are none of this machine's
+        found |= {"seconds": said.get("seconds"), "cpu_seconds": None, "peak_memory_bytes": None, DECLARED: "yes"}
+        found |= {f"{DECLARED}_{key}": str(value) for key, value in said.items() if value not in (None, "")}
     try:
         return {**found, "curve": read_curve(folder / CURVE)}
     except InputError as error:
         return {**found, "curve_problem": str(error)}
-
-
-def _declared(record: RunRecord) -> Record:
-    """What is said of results that were made elsewhere, whose seconds are none of this machine's; nothing of others."""
-    said = record.declared
-    if said is None:
-        return {}
-    known = {f"{DECLARED}_{key}": str(value) for key, value in said.items() if value not in (None, "")}
-    return {"seconds": said.get("seconds"), "cpu_seconds": None, "peak_memory_bytes": None, **known, DECLARED: "yes"}
 
 
 def read_published(path: Path) -> list[Record]:
@@ -251,16 +244,6 @@ def setup_of(folder: Path) -> RunSetup | None:
         return RunSetup.read(folder)
     except InputError:
         return None
-
-
-def _cell_of(folder: Path) -> Record:
-    """Row, scene and seed of a record that is broken elsewhere; nothing where one of them is."""
-    with suppress(InputError):
-        found = read_json(folder / METRICS_FILE)
-        row, scene, seed = (found.get(name) for name in CELL)
-        if all(isinstance(one, str) and one.isprintable() and one for one in (row, scene)) and type(seed) is int and seed < 2**63:
-            return {"row": row, "scene": scene, "seed": seed}
-    return {}
 
 
 def reasons_text(run: Mapping[str, Any]) -> str:

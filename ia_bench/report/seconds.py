@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,21 @@ UNEQUAL = ("cpu", "threads", "commit")
 MOST = 4  # values of these that are named
 BEYOND = ">"
 """What follows a gain where the row takes longer than the whole curve: the reference might gain more with as many seconds."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A row in one metric: its ``gain`` over the reference, the ``equal`` one at equal seconds, both positive where it is better.
+
+    ``beyond``: whether it takes longer than the whole curve; ``score``: its mean, None for one that is not ranked; ``front``:
+    whether no ranked row is both cheaper and better, nor better for the same cost.
+    """
+
+    gain: Paired
+    equal: Paired
+    beyond: bool
+    score: float | None
+    front: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,40 +73,29 @@ class Clock:
         """The name of a row without its capture."""
         return row.removesuffix(f", {self.capture}") if self.capture else row
 
-    def beyond(self, row: str) -> bool:
-        """Whether a row takes longer than the whole curve."""
-        return row in self.costs and self.costs[row] > self.costs[self.curve[-1]]
+    def compared(self, scores: Scores, metric: Metric) -> dict[str, Compared]:
+        """Row -> what it is beside the reference.
 
-    def equal(self, scores: Scores, row: str, metric: Metric) -> Paired:
-        """Row minus what the curve has after the row's seconds, positive where the row is better.
-
-        Of the scenes and seeds that the row and every row of the curve have; none for a row whose seconds do not compare.
+        At equal seconds those scenes and seeds count that the row and every row of the curve have; none for a row whose seconds do
+        not compare. The front is of rows of ``ranked`` that have every scene of the reference: their score is its level plus what
+        they gain.
         """
-        sign = 1 if metric.higher_is_better else -1
-        pairs: dict[str, dict[int, float]] = {}
-        for (scene, seed), score in scores.get(row, {}).items() if row in self.costs else ():
-            points = [
-                (self.costs[one], sign * scores[one][scene, seed]) for one in self.curve if (scene, seed) in scores.get(one, {})
-            ]
-            if len(points) == len(self.curve):
-                pairs.setdefault(scene, {})[seed] = sign * score - best_after(points, self.costs[row])
-        return Paired(pairs)
-
-    def scores(self, scores: Scores, metric: Metric) -> dict[str, float]:
-        """Row -> mean score of the ``ranked`` rows that have every scene of the reference: its level plus what the row gains."""
-        own, found = scores.get(self.reference, {}), {}
-        level, scenes = _mean_over_scenes(own) if own else 0.0, {scene for scene, _ in own}
-        for row in self.costs:
-            pairs = better(scores, row, self.reference, metric)
-            if row in self.ranked and own and (gained := pairs.over_scenes) and pairs.pairs.keys() == scenes:
-                found[row] = level + gained.mean * (1 if metric.higher_is_better else -1)
-        return found
-
-    def front(self, scores: Mapping[str, float], metric: Metric) -> set[str]:
-        """Rows of ``scores`` than which none is both cheaper and better; of two that cost the same the better one."""
-        sign = 1 if metric.higher_is_better else -1
-        ordered = sorted(scores, key=lambda row: (self.costs[row], -sign * scores[row]))
-        return {row for place, row in enumerate(ordered) if all(sign * (scores[row] - scores[one]) > 0 for one in ordered[:place])}
+        sign, own, found = 1 if metric.higher_is_better else -1, scores.get(self.reference, {}), {}
+        scenes = {scene for scene, _ in own}
+        for row in self.rows:
+            gain, pairs = better(scores, row, self.reference, metric), dict[str, dict[int, float]]()
+            for (scene, seed), score in scores.get(row, {}).items() if row in self.costs else ():
+                if all((scene, seed) in scores.get(one, {}) for one in self.curve):
+                    points = [(self.costs[one], sign * scores[one][scene, seed]) for one in self.curve]
+                    pairs.setdefault(scene, {})[seed] = sign * score - best_after(points, self.costs[row])
+            whole = row in self.costs and row in self.ranked and gain.count > 0 and gain.pairs.keys() == scenes
+            mean = _mean_over_scenes(own) + sign * float(gain.scenes.mean()) if whole else None
+            beyond = row in self.costs and self.costs[row] > self.costs[self.curve[-1]]
+            found[row] = Compared(gain, Paired(pairs), beyond, mean)
+        ranked = {row: sign * one.score for row, one in found.items() if one.score is not None}
+        ordered = sorted(ranked, key=lambda row: (self.costs[row], -ranked[row]))
+        front = [row for place, row in enumerate(ordered) if all(ranked[row] > ranked[one] for one in ordered[:place])]
+        return found | {row: replace(found[row], front=True) for row in front}
 
 
 @dataclass(frozen=True)
@@ -204,31 +208,10 @@ def _unequal(measured: Runs, counted: str) -> str:
 # ---- what is told ------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Compared:
-    """A row in one metric: its ``gain`` over the reference, the ``equal`` one at equal seconds, both positive where it is better.
-
-    ``beyond``: whether it takes longer than the whole curve; ``front``: whether it is on the Pareto front; ``score``: its mean as
-    :meth:`Clock.scores` has it, None for one that is not ranked.
-    """
-
-    gain: Paired
-    equal: Paired
-    beyond: bool
-    front: bool
-    score: float | None
-
-
 def compared(runs: Runs, time: Timing, metric: Metric) -> dict[str, Compared]:
     """Row -> what it is beside its reference, capture after capture."""
-    scores, found = side_by_side(runs, metric.column), {}
-    for clock in time.clocks:
-        means = clock.scores(scores, metric)
-        front = clock.front(means, metric)
-        for row in clock.rows:
-            pairs = better(scores, row, clock.reference, metric), clock.equal(scores, row, metric)
-            found[row] = Compared(*pairs, clock.beyond(row), row in front, means.get(row))
-    return found
+    scores = side_by_side(runs, metric.column)
+    return {row: one for clock in time.clocks for row, one in clock.compared(scores, metric).items()}
 
 
 def seconds_table(runs: Runs, time: Timing, scenes: int) -> Printed:
@@ -260,9 +243,9 @@ def seconds_records(runs: Runs, time: Timing) -> Iterable[Record]:
             costs = {"counted": time.counted, "cost": clock.costs.get(row), "score": one.score, "front": one.front}
             line: Record = {**label, **costs, "beyond_curve": one.beyond}
             for name, pairs in (("gain", one.gain), ("equal_seconds", one.equal)):
-                seeds, wider = pairs.over_seeds, pairs.over_scenes
-                line |= {name: wider and wider.mean, f"{name}_half_width_over_seeds": seeds and seeds.half_width}
-                line |= {f"{name}_half_width_over_scenes": wider and wider.half_width, f"{name}_pairs": pairs.count}
+                seeds = pairs.over_seeds
+                line |= {name: seeds and seeds.mean, f"{name}_half_width_over_seeds": seeds and seeds.half_width}
+                line |= {f"{name}_half_width_over_scenes": seeds and seeds.wider, f"{name}_pairs": pairs.count}
             yield line | {"equal_seconds_p_value": one.equal.p_value, "equal_seconds_decided": survivors.get(row)}
 
 

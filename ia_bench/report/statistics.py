@@ -75,14 +75,8 @@ class Paired:
 
     @property
     def over_seeds(self) -> Estimate | None:
-        """The mean, with the interval within which other seeds on the same scenes would move it."""
+        """The mean, with the intervals within which other seeds on the same scenes, and other scenes, would move it."""
         return over_scenes(self.seeds)
-
-    @property
-    def over_scenes(self) -> Estimate | None:
-        """The same mean, with Student's interval over scenes: whether the difference would hold on others of this kind."""
-        found = self.over_seeds
-        return found and Estimate(found.mean, found.wider, found.scenes)
 
     @property
     def new_scene(self) -> float | None:

@@ -15,7 +15,7 @@ import numpy as np
 from ia_bench.report.collect import Record
 from ia_bench.report.curves import plain, save
 from ia_bench.report.findings import Findings
-from ia_bench.report.statistics import HOW_DECIDED
+from ia_bench.report.statistics import HOW_DECIDED, half_width
 from ia_bench.report.table import Entry, Printed, carried_text, p_text
 from ia_bench.report.worth import NOTHING_LEFT_OUT, Gain, Map, maps, worth
 from ia_bench.report.write import begins_with, csv_text, pipe_table, remove_all_but, write_text
@@ -105,10 +105,10 @@ def _of_gain(gain: Gain) -> Record:
         "capture": gain.capture or NOTHING_LEFT_OUT,
         "metric": gain.metric.key,
         "reference": gain.beside,
-        "gain": gain.over_scenes.mean,
+        "gain": gain.mean,
         "low": low,
         "high": high,
-        "half_width_over_scenes": gain.over_scenes.half_width,
+        "half_width_over_scenes": half_width(gain.pairs.scenes),
         "half_width_new_scene": gain.pairs.new_scene,
         "p_value": gain.p_value,
         "scenes_above": gain.pairs.signs and gain.pairs.signs[0],
@@ -142,7 +142,7 @@ def _draw_panel(panel: Axes, one: Map, largest: float) -> AxesImage:
     cells = {(x, y): gain for y, (*_, some) in enumerate(one.lines) for x, gain in enumerate(some) if gain is not None}
     values = np.full((len(one.lines), len(one.rows)), np.nan)
     for (x, y), gain in cells.items():
-        values[y, x] = gain.over_scenes.mean
+        values[y, x] = gain.mean
         if gain.outcome == "undecided":
             box = Rectangle((x - 0.5, y - 0.5), 1, 1, fill=False, hatch="///", edgecolor="0.75", linewidth=0)
             panel.add_patch(box)

@@ -11,14 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby, product
-from typing import cast
 
 import numpy as np
 from scipy.stats import t as student
 
 from ia_bench.report.collect import Record, Runs
 from ia_bench.report.seconds import WORTH_METRICS
-from ia_bench.report.statistics import CONFIDENCE, Estimate, Paired, Scores, better, holm, is_small, means, side_by_side
+from ia_bench.report.statistics import CONFIDENCE, Paired, Scores, better, half_width, holm, is_small, means, side_by_side
 from ia_bench.report.table import BOUNDS, carried_text, p_text, signs_text
 from ia_bench.runs.table import Row, Table, capture_of, crossed_name
 from ia_bench.scores.metrics import METRIC_OF, METRICS, Metric
@@ -72,9 +71,9 @@ class Gain:
     survives: bool = False  # whether it is decided among all gains in this metric
 
     @cached_property
-    def over_scenes(self) -> Estimate:
-        """Mean, with Student's interval over scenes."""
-        return cast(Estimate, self.pairs.over_scenes)
+    def mean(self) -> float:
+        """Over scenes."""
+        return float(self.pairs.scenes.mean())
 
     @cached_property
     def bootstrap(self) -> tuple[float, float] | None:
@@ -96,7 +95,7 @@ class Gain:
     @property
     def outcome(self) -> str:
         """What is decided among all gains in this metric, in a word."""
-        return "undecided" if not self.survives else "gains" if self.over_scenes.mean > 0 else "costs"
+        return "undecided" if not self.survives else "gains" if self.mean > 0 else "costs"
 
     @property
     def alone(self) -> bool:
@@ -111,7 +110,7 @@ class Gain:
     @property
     def text(self) -> str:
         """The mean with its sign."""
-        return f"{self.over_scenes.mean:+.{self.metric.digits}f}"
+        return f"{self.mean:+.{self.metric.digits}f}"
 
     @property
     def between(self) -> str:
@@ -122,7 +121,7 @@ class Gain:
     def told(self) -> str:
         """What else there is to know of it, in a sentence."""
         row, over = (crossed_name(name, self.capture) for name in (self.row, self.reference))
-        text, width = self.metric.text, self.over_scenes.half_width
+        text, width = self.metric.text, half_width(self.pairs.scenes)
         known = [
             f"{row}: {self.text}{' dB' if self.metric.label == 'PSNR' else ''} over {over}, which has {text(self.beside)}",
             f"{self.outcome}{', decided alone' if self.alone else ''}",
@@ -152,7 +151,7 @@ class Map:
     @property
     def largest(self) -> float:
         """The largest mean gain or loss."""
-        return max(abs(gain.over_scenes.mean) for *_, some in self.lines for gain in some if gain is not None)
+        return max(abs(gain.mean) for *_, some in self.lines for gain in some if gain is not None)
 
 
 def gains(runs: Runs, table: Table) -> list[Gain]:

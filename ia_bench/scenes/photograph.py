@@ -91,6 +91,26 @@ def read_values(path: Path) -> np.ndarray:
     return picture_values(path, open_picture(path))
 
 
+def read_stored(path: Path, *, grey: bool = False) -> np.ndarray:
+    """Values as they are stored, (H, W, 3) float32, or 4 with alpha: of OpenEXR, of .npy, or from 0 to 1 of what Pillow reads.
+
+    ``grey``: one channel will do. Raises InputError, naming the file.
+    """
+    if path.suffix.lower() == ".npy":
+        values = read_array(path)
+    elif path.suffix.lower() == ".exr":
+        values = read_exr(path, None, grey=grey)
+    else:
+        picture = open_picture(path)
+        if not grey and picture.mode != "P" and len(picture.getbands()) < 3:
+            raise InputError(f"{path}: expected red, green and blue, found a picture in grey ({picture.mode})")
+        opaque = "A" not in picture.getbands() and "transparency" not in picture.info
+        values = picture_values(path, picture)[..., : 3 if opaque else 4]
+    if values.ndim != 3 or values.shape[-1] not in (3, 4, int(grey)) or not values.size:
+        raise InputError(f"{path}: expected (height, width, 3) values, or 4 with alpha, found shape {values.shape}")
+    return np.ascontiguousarray(values, np.float32)
+
+
 def picture_values(path: Path, picture: Image.Image) -> np.ndarray:
     """A picture of Pillow as :func:`read_values` has it; ``path`` names it in messages."""
     if picture.mode in HIGH_BIT_MODES:

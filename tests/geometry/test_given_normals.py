@@ -88,7 +88,7 @@ MISTAKES: dict[str, tuple[Callable[[Path], None], str]] = {
     "missing": (Path.unlink, r"expected one of 03\.png, 03\.exr, 03\.npy for training view 03, found none"),
     "two": (lambda path: path.with_suffix(".png").write_bytes(b""), r"for training view 03, found 03\.png and 03\.npy"),
     "another size": (stored(lambda n: n[1:]), r"03\.npy: expected 40 x 40 pixels like the training view.*found 40 x 39"),
-    "channels first": (stored(lambda n: np.moveaxis(n, -1, 0)), r"expected numbers of shape \(H, W, 3\), found"),
+    "channels first": (stored(lambda n: np.moveaxis(n, -1, 0)), r"expected \(height, width, 3\) values, or 4 with alpha, found"),
     "half as long": (stored(lambda n: 0.6 * n), "expected unit normals, found a median length of 0.60"),
     "nothing": (stored(np.zeros_like), "expected normals where the mask shows the object, found none"),
 }

@@ -248,7 +248,11 @@ MISTAKES: dict[str, tuple[Callable[[Path], object], dict[str, str], str]] = {
     "not finite": (not_finite, {}, "0000.exr: 1 pixel(s) are NaN or Inf, the first at row 3, column 4"),
     "negative": (rewritten("albedo/0000.exr", lambda image: -image), {}, "expected radiance, found the negative value"),
     "no encoding": (as_png("albedo/0000.exr", "RGB"), {}, "0000.png: expected method.options.encoding=srgb or linear"),
-    "grey albedo": (as_png("albedo/0000.exr", "L"), {"encoding": "srgb"}, "expected red, green and blue, found 1 channel(s)"),
+    "grey albedo": (
+        as_png("albedo/0000.exr", "L"),
+        {"encoding": "srgb"},
+        "expected red, green and blue, found a picture in grey",
+    ),
     "one channel": (rewritten("albedo/0000.exr", lambda image: image[..., :1]), {}, "expected channels R, G, B, found Y"),
     "colours": (rewritten("roughness/0000.exr", lambda image: image * SPOTTED), {}, "expected one value of roughness a pixel"),
     "other folder": (renamed("albedo", "albedo_gone"), {}, "unknown folder 'albedo_gone'; did you mean 'albedo'?"),

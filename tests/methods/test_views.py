@@ -10,7 +10,7 @@ import torch
 from shapes import camera_at, disk, plate, sphere, together
 
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.views import cosine_directions, view_geometry, views_needed
+from ia_bench.methods.photographs import cosine_directions, view_geometry, views_needed
 from ia_bench.render.gbuffer import primary_rays, sees
 from ia_bench.render.rays import make_rays
 from ia_bench.render.settings import RenderSettings

@@ -18,7 +18,7 @@ from ia_bench.methods import photographs
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.couplings.sampler import pixel_samples
 from ia_bench.methods.photographs import one_sided
-from ia_bench.methods.regularisers.context import effective_view_count
+from ia_bench.methods.regularisers.completing import effective_view_count
 from ia_bench.methods.regularisers.fusion import Fusion
 from ia_bench.methods.regularisers.refiner import fitted_views
 from ia_bench.methods.two_stage.losses import dual_buffer_loss

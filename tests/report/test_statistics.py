@@ -71,14 +71,16 @@ def test_the_paired_difference_is_scipys_and_forgets_the_scenes_own_level() -> N
     runs = [scored("none", f"s{i}", 0, level) for i, level in enumerate(levels)]
     runs += [scored("ours", f"s{i}", 0, level + gain) for i, (level, gain) in enumerate(zip(levels, gains, strict=True))]
     expected = scipy.stats.ttest_rel(levels + gains, levels).confidence_interval(0.95)
-    assert between(difference(runs, "ours", "none").over_scenes) == pytest.approx(expected)
+    found = difference(runs, "ours", "none").over_seeds
+    assert found is not None
+    assert (found.mean - found.wider, found.mean + found.wider) == pytest.approx(expected)
 
 
 def test_the_paired_difference_uses_the_shared_scenes_only() -> None:
     runs = [scored("none", "hat", 0, 10.0), scored("none", "ship", 0, 90.0)]
     runs += [scored("ours", "hat", 0, 12.0), scored("ours", "car", 0, 1.0)]
-    assert difference(runs, "ours", "none").over_scenes == Estimate(2.0, None, 1)
-    assert difference(runs, "ours", "nobody").over_scenes is None
+    assert difference(runs, "ours", "none").over_seeds == Estimate(2.0, None, 1)
+    assert difference(runs, "ours", "nobody").over_seeds is None
 
 
 def test_a_mean_is_carried_by_the_pair_without_which_its_sign_changes() -> None:

@@ -57,9 +57,9 @@ GAINED = {"2 views": [[5.0, 5.0], [5.0, 5.0]], "8 views": [[1.0, 3.0], [2.0, 2.0
 
 def test_gains_are_means_over_scenes_of_means_over_seeds_and_positive_is_better() -> None:
     found = {(gain.capture, gain.metric.key): gain for gain in gains(runs(GAINED), TABLE)}
-    assert found["8 views", "aligned_albedo.psnr"].over_scenes.mean == pytest.approx(2.0)
+    assert found["8 views", "aligned_albedo.psnr"].mean == pytest.approx(2.0)
     assert found["8 views", "aligned_albedo.psnr"].beside == pytest.approx(20.0)
-    assert found["8 views", "roughness.mse"].over_scenes.mean == pytest.approx(-0.002), "more error is a loss"
+    assert found["8 views", "roughness.mse"].mean == pytest.approx(-0.002), "more error is a loss"
     assert found["2 views", "aligned_albedo.psnr"].outcome == "gains"
     assert found["2 views", "roughness.mse"].outcome == "costs"
     assert found["", "aligned_albedo.psnr"].outcome == "undecided"

@@ -11,7 +11,7 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.views import view_geometry
+from ia_bench.methods.photographs import view_geometry
 from ia_bench.priors.contract import Observations, Prior
 from ia_bench.priors.diffusion.encoding import exposure
 from ia_bench.priors.validation import ask

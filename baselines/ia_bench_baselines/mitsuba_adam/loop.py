@@ -20,7 +20,7 @@ from ia_bench.common.seeds import derive_seed
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.views import restrict
+from ia_bench.methods.photographs import restrict
 from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
 from ia_bench_baselines.mitsuba_adam.settings import MitsubaAdamOptions
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.methods.contract import PixelSamples, Problem
-from ia_bench.methods.views import count_views, restrict, view_geometry
+from ia_bench.methods.photographs import count_views, restrict, view_geometry
 from ia_bench.priors.contract import Distiller, Observations, Prior, Refiner, Samples
 from ia_bench.priors.validation import (
     LARGEST,

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.views import restrict
+from ia_bench.methods.photographs import restrict
 
 OFFSET = 0.01
 """It is added to both sides of a quotient of albedos, so that black ones have one."""

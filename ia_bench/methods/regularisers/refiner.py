@@ -13,9 +13,8 @@ from ia_bench.common.ranges import UnitInterval
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import FitState, Problem, Regulariser
-from ia_bench.methods.photographs import as_photographed, known_pixels
+from ia_bench.methods.photographs import as_photographed, known_pixels, restrict
 from ia_bench.methods.regularisers.fusion import Fusion
-from ia_bench.methods.views import restrict
 from ia_bench.priors import validation
 from ia_bench.priors.contract import Refiner
 from ia_bench.render.renderer import texture_images

@@ -12,9 +12,8 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.methods.contract import Monitor, PixelSamples, Problem, StepRender
 from ia_bench.methods.couplings.sampler import Images, PriorSampler, pixel_samples
-from ia_bench.methods.photographs import as_photographed
+from ia_bench.methods.photographs import as_photographed, restrict
 from ia_bench.methods.two_stage.parameters import Parameters
-from ia_bench.methods.views import restrict
 from ia_bench.priors.contract import Distiller
 from ia_bench.priors.validation import name_of
 from ia_bench.render.renderer import texture_images

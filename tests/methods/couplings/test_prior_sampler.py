@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ia_bench.methods.contract import PixelSamples, Problem
 from ia_bench.methods.couplings.sampler import PriorSampler, pixel_samples
-from ia_bench.methods.views import evenly_spread, restrict, view_geometry
+from ia_bench.methods.photographs import evenly_spread, restrict, view_geometry
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.priors.validation import beyond_a_material

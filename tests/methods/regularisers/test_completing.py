@@ -11,9 +11,8 @@ from torch import Tensor
 
 from ia_bench.material.textures import Material, fill_unobserved, smooth_by_view_count
 from ia_bench.methods.contract import FitState, Problem
-from ia_bench.methods.regularisers import context
-from ia_bench.methods.regularisers.context import Context, effective_view_count
-from ia_bench.methods.regularisers.symmetry import LENGTH, NOISE, Symmetry, expected
+from ia_bench.methods.regularisers import completing
+from ia_bench.methods.regularisers.completing import LENGTH, NOISE, Context, Symmetry, effective_view_count, expected
 from ia_bench.render.gbuffer import sees
 from ia_bench.render.indirect import Atlas
 
@@ -50,7 +49,7 @@ def test_noise_where_little_is_shown_goes_and_metal_stays(problem: Problem, monk
     material = Material(noise[..., :3], noise[..., 3:].clamp_min(0.1), torch.ones(SIDE, SIDE, 1))
     count = torch.full((SIDE, SIDE), PLENTY)
     count[:, SIDE // 2 :] = 0.05
-    monkeypatch.setattr(context, "effective_view_count", lambda *_: count)
+    monkeypatch.setattr(completing, "effective_view_count", lambda *_: count)
     everywhere = torch.ones(SIDE, SIDE, dtype=torch.bool)
     after = Context().apply(material, FitState(problem, None, None, everywhere, torch.Generator(), None))  # type: ignore[arg-type]
     assert after.metallic is material.metallic

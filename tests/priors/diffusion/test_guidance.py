@@ -255,9 +255,3 @@ def test_every_strength_and_step_count_is_finite_and_in_range(schedule: NoiseSch
                     found = sample(guided, schedule, (2, 3, *SIZE), [0, 1], SamplerSettings(steps, eta))
                     assert bool(found.isfinite().all())
                     assert float(found.abs().max()) <= 1
-
-
-COSINE = NoiseSchedule(torch.cos(torch.linspace(0.01, math.pi / 2, 1000, dtype=torch.float64)).square().clamp(min=1e-30))
-
-
-ZERO_TERMINAL = NoiseSchedule(torch.cat([COSINE.alpha_bar[:-1], torch.zeros(1, dtype=torch.float64)]))

@@ -10,11 +10,11 @@ from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.methods.contract import Monitor, Problem
+from ia_bench.methods.photographs import count_views, view_geometry
 from ia_bench.methods.regularisers.fusion import Fusion
 from ia_bench.methods.regularisers.refiner import fitted_views
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.methods.views import count_views, view_geometry
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench_training.fit_files import FitInfo
 from ia_bench_training.fits.scene import draw_scene

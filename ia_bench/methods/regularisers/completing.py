@@ -1,7 +1,9 @@
-"""``symmetry``: objects are built around a vertical axis, so what no photograph shows resembles what is as high and as far from it.
+"""``context`` and ``symmetry``: guesses of what photographs show hardly, or not at all.
 
-A Gaussian process (Rasmussen and Williams 2006, equation 2.23) over these, without the angle around the axis, says what the
-places that photographs show let one expect elsewhere. It is a guess, and is mixed with another, the neighbours in the texture.
+A pixel that sees a surface from the side says little; what photographs hardly show follows what is around it. Objects are built
+around a vertical axis, so what no photograph shows resembles what is as high and as far from it. A Gaussian process (Rasmussen and
+Williams 2006, equation 2.23) over these, without the angle around the axis, says what the places that photographs show let one
+expect elsewhere. It is a guess, and is mixed with another, the neighbours in the texture.
 """
 
 from __future__ import annotations
@@ -11,9 +13,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ia_bench.common.ranges import UnitInterval
-from ia_bench.material.textures import Material, fill_unobserved
-from ia_bench.methods.contract import FitState, Regulariser
+from ia_bench.common.ranges import UnitInterval, Weight
+from ia_bench.material.textures import Material, fill_unobserved, smooth_by_view_count, splat
+from ia_bench.methods.contract import FitState, Problem, Regulariser
 from ia_bench.methods.regularisers.fusion import OFFSET
 from ia_bench.render.indirect import Atlas
 
@@ -26,6 +28,53 @@ NOISE = 0.1
 SHOWN = 2048
 """Places that photographs show, drawn among all."""
 BATCH = 4096
+
+
+@dataclass(frozen=True)
+class Context(Regulariser):
+    """Each texel keeps n^2 / (n^2 + ``view_count``^2) of its albedo and roughness and takes the rest from around it.
+
+    n is :func:`effective_view_count`. Albedos are mixed as log(albedo + OFFSET); metallic is left alone.
+
+    Attributes:
+        view_count: At how many photographs that look straight at it a texel keeps half.
+    """
+
+    view_count: Weight = 0.2  # chosen on development scenes (docs/log/few-photographs.md)
+    completes = True
+
+    def apply(self, material: Material, state: FitState) -> Material:
+        """See the class. What no photograph shows is filled from what was so mixed."""
+        if not self.view_count:
+            return material
+        count = effective_view_count(state.problem, len(state.observed))
+        texture = torch.cat([torch.log(material.albedo + OFFSET), material.roughness], -1)
+        mixed = smooth_by_view_count(texture, count, self.view_count)
+        albedo, roughness = (mixed[..., :3].exp() - OFFSET).clamp_min(0), mixed[..., 3:]
+        albedo, roughness = (fill_unobserved(part, state.observed) for part in (albedo, roughness))
+        return Material(albedo, roughness, material.metallic)
+
+
+def effective_view_count(problem: Problem, size: int) -> Tensor:
+    """How many photographs look straight at each texel: (size, size), those that see it from the side by their cosine.
+
+    The pixels that show a texel, each times the area that it has at the distance of the surface, over the area of the texel.
+    Pixels that the object covers in part are left out, and those that a mask leaves out.
+    """
+    gbuffer, surface = problem.gbuffer, problem.renderer.surface
+    gbuffer = gbuffer.at(torch.nonzero(gbuffer.filled & ~problem.photographs.left_out)[:, 0])
+    face = gbuffer.face.long()
+    _, position = surface.geometry(face[:, 0], gbuffer.barycentric[:, 0])
+    cameras, view = [each.camera for each in problem.scene.train], gbuffer.view()
+    to_world = torch.stack([torch.from_numpy(camera.to_world).float() for camera in cameras]).to(position)
+    focal = torch.tensor([camera.focal[0] * camera.focal[1] for camera in cameras]).to(position)
+    depth = -((position - to_world[view, :3, 3]) * to_world[view, :3, 2]).sum(1)
+    pixel_area = depth.square() / focal[view]  # parallel to the image
+    share = pixel_area * size**2 / surface.area_per_uv[face[:, 0]].clamp_min(1e-20)
+    points = gbuffer.subsamples
+    uv = surface.uv(face, gbuffer.barycentric).reshape(-1, 2)
+    mean, count = splat(uv, (share / points).repeat_interleave(points)[:, None], size)
+    return mean[..., 0] * count
 
 
 @dataclass(frozen=True)
