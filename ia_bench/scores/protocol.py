@@ -143,7 +143,7 @@ class Protocol:
     map_points: Count = 8
     render_points: Count = 4
     samples_per_pixel: Count = 128
-    curve_stride: Count = 8
+    curve_stride: Count = 10
     curve_samples: Count = 64
     curve_lights: Count | None = 1
     seed: Annotated[int, Field(ge=0)] = 0

@@ -139,12 +139,12 @@ class Scorer:
         many of the views are drawn, and compared.
         """
         samples, renderer = self._protocol.samples_per_pixel, reconstruction.renderer
-        truth, exported = self._truth(1), self._exported(reconstruction)
+        truth, exported = self._with_light(self._truth(1)), self._exported(reconstruction)
         renders = sum(len(of) for of in (truth.view_synthesis, *(truth.relighting or {}).values()) if of is not None)
         views = (2 if self._protocol.noise == "subtracted" else 1) * renders + len(truth.albedo or ())
         task = begin("scores", max(views, 1) * (2 if exported is None else 3))
         own = self._predict(reconstruction, truth, 1, samples, task.advance)
-        redrawn = None if exported is None else self._predict(exported, _without_light(truth), 1, samples, task.advance)
+        redrawn = None if exported is None else self._predict(exported, self._truth(1), 1, samples, task.advance)
         if own.relighting is None and redrawn is not None and redrawn.relighting is not None:
             own, renderer = replace(own, relighting=redrawn.relighting), f"{renderer}; under novel lights {REFERENCE}"
         if exported is not None and redrawn is not None:
@@ -183,12 +183,12 @@ class Scorer:
 
     def pictures(self, reconstruction: Reconstruction) -> Predictions:
         """The pictures of a reconstruction that are scored, of every view."""
-        return self._predict(reconstruction, self._truth(1), 1, self._protocol.samples_per_pixel)
+        return self._predict(reconstruction, self._with_light(self._truth(1)), 1, self._protocol.samples_per_pixel)
 
     def quick(self, reconstruction: Reconstruction) -> dict[str, float | None]:
         """The metric columns of curve.csv, from a fixed subset of the views."""
         stride, samples = self._protocol.curve_stride, min(self._protocol.curve_samples, self._protocol.samples_per_pixel)
-        truth = _without_light(self._truth(stride, self._protocol.curve_lights))
+        truth = self._truth(stride, self._protocol.curve_lights)
         own = self._predict(reconstruction, truth, stride, samples)
         exported = self._exported(reconstruction) if own.relighting is None else None
         if exported is not None:
@@ -197,16 +197,19 @@ class Scorer:
         return score_quick(own, truth, self._protocol)
 
     def _truth(self, stride: int, lights: int | None = None) -> Predictions:
-        """The truth of every ``stride``-th view, under the first ``lights``; None for what the scene does not have."""
+        """The truth of every ``stride``-th view, under so many novel lights; None for the light, and what the scene does not have."""
         test, names = self._scene.test[::stride], list(self._lights)[:lights]
         return Predictions(
             albedo=_true(test, "albedo"),
             roughness=_true(test, "roughness"),
             view_synthesis=_true(self._novel.get("train", ())[::stride], "image"),
             relighting={name: images for name in names if (images := _true(self._novel[name][::stride], "image"))} or None,
-            light=_pictures_of(self._train_light, ball_pictures),
-            log_light=_pictures_of(self._train_light, log_radiance),
         )
+
+    def _with_light(self, truth: Predictions) -> Predictions:
+        """The same with the light's truth, which curves, and pictures of another renderer, are not compared with."""
+        light = self._train_light
+        return replace(truth, light=_pictures_of(light, ball_pictures), log_light=_pictures_of(light, log_radiance))
 
     def _predict(
         self,
@@ -263,11 +266,6 @@ class Scorer:
         if self._stage is None or self._stage.mesh is not mesh:
             self._stage = Stage(mesh, self._device)
         return self._stage
-
-
-def _without_light(truth: Predictions) -> Predictions:
-    """What curves, and pictures of another renderer, are compared with."""
-    return replace(truth, light=None, log_light=None)
 
 
 def _pictures_of(light: Environment | None, draw: Callable[[Environment], Images]) -> Images | None:
