@@ -197,7 +197,7 @@ class Scorer:
         return score_quick(own, truth, self._protocol)
 
     def _truth(self, stride: int, lights: int | None = None) -> Predictions:
-        """The truth of every ``stride``-th view, under so many novel lights; None for the light, and what the scene does not have."""
+        """The truth of every ``stride``-th view, under so many novel lights; None for what the scene lacks, and for the light."""
         test, names = self._scene.test[::stride], list(self._lights)[:lights]
         return Predictions(
             albedo=_true(test, "albedo"),
