@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,9 +18,9 @@ from PIL import Image
 from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError
 from ia_bench.common.settings import parsed
-from ia_bench.methods.asset import AssetOptions, BroughtAsset
+from ia_bench.methods.asset import BroughtAsset
 from ia_bench.methods.contract import Monitor, Problem, Result
-from ia_bench.methods.images import BroughtImages, ImagesOptions
+from ia_bench.methods.images import BroughtImages
 from ia_bench.methods.info import held_out
 from ia_bench.render.asset_files import glb, moved
 from ia_bench.render.reconstruction import Assets, Quality
@@ -120,11 +121,6 @@ def test_another_mesh_is_scored_by_its_pictures_and_its_shape(scene: Scene, asse
     assert 0.1 * away < scores.geometry["chamfer"] < 2 * away
     assert scores.metrics["albedo"]["psnr"] is not None
     assert "does not predict view synthesis" in scores.reasons["view_synthesis.psnr"]
-
-
-def test_the_files_of_an_asset_identify_it(files: Path) -> None:
-    found = BroughtAsset.files({"path": str(files / "asset.glb"), "light": str(files / "light.exr")})
-    assert [path.name for path in found] == ["asset.glb", "light.exr"]
 
 
 AXES = {
@@ -255,6 +251,7 @@ MISTAKES: dict[str, tuple[Callable[[Path], object], dict[str, str], str]] = {
     ),
     "one channel": (rewritten("albedo/0000.exr", lambda image: image[..., :1]), {}, "expected channels R, G, B, found Y"),
     "colours": (rewritten("roughness/0000.exr", lambda image: image * SPOTTED), {}, "expected one value of roughness a pixel"),
+    "nothing": (lambda folder: [*map(shutil.rmtree, folder.iterdir())], {}, "expected some of the folders albedo, roughness"),
     "other folder": (renamed("albedo", "albedo_gone"), {}, "unknown folder 'albedo_gone'; did you mean 'albedo'?"),
     "missing light": (renamed("relighting/night", "../night"), {}, "expected every novel light, found no relighting/night"),
     "other encoding": (lambda folder: None, {"encoding": "gamma"}, "unknown value of method.options.encoding: 'gamma'"),
@@ -269,15 +266,3 @@ def test_a_mistake_is_one_sentence_that_names_it(scene: Scene, pictures: Path, c
     with pytest.raises(InputError, match=re.escape(said)) as error:
         brought(scene, BroughtImages, path=str(pictures), **options)
     assert "\n" not in str(error.value)
-
-
-def test_an_empty_folder_has_nothing_to_score(scene: Scene, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected some of the folders albedo, roughness"):
-        brought(scene, BroughtImages, path=str(tmp_path))
-
-
-def test_options_have_no_path_until_one_is_given() -> None:
-    assert (AssetOptions().path, ImagesOptions().path) == ("", "")
-    for method in (BroughtAsset, BroughtImages):
-        with pytest.raises(InputError, match=r"method\.options\.path=: expected a"):
-            method.files({"path": ""})

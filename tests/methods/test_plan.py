@@ -164,12 +164,6 @@ def test_a_users_setting_is_taken_and_recorded_as_such(name: str) -> None:
     assert others == [d for d in usual.decisions if d.what != found.what]
 
 
-def test_the_plan_is_the_same_every_time() -> None:
-    mesh = together(plate(0.5), disk(0.4, height=0.5))
-    cameras = [camera_at((2, 1, z)) for z in (0.5, 1.0, 2.0)]
-    assert plan_of(mesh, *cameras) == plan_of(mesh, *cameras)
-
-
 def test_cameras_that_do_not_see_the_mesh_are_named() -> None:
     """The usual cause is a matrix of another convention: the camera looks the other way."""
     camera = camera_at((0, 0, 5))

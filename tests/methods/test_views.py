@@ -107,16 +107,6 @@ def test_directions_follow_the_cosine() -> None:
     torch.testing.assert_close(second, expected, rtol=0, atol=0.018)
 
 
-def test_views_are_chosen_and_repeatable() -> None:
-    cameras = [camera_at(place, pixels=16) for place in ((0.0, -4.0, 0.0), (3.0, 2.0, 1.5), (0.0, 0.0, 4.0))]
-    problem = problem_of(together(sphere(2), plate(2.0, height=-1.0)), cameras)
-    normals, visibility = view_geometry(problem, (0, 2))
-    again, seen_again = view_geometry(problem, (0, 2))
-    assert torch.equal(normals, again)
-    assert torch.equal(visibility, seen_again)
-    assert torch.equal(normals, view_geometry(problem, (0, 1, 2))[0][[0, 2]])
-
-
 def test_a_point_is_seen_from_in_front_and_not_through_a_roof() -> None:
     """A plate of half side 1, and a small one of half side 0.2 half a unit above its middle."""
     mesh = together(plate(1.0), plate(0.2, height=0.5))

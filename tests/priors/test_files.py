@@ -167,12 +167,6 @@ def test_a_run_is_known_by_the_predictions(tmp_path: Path) -> None:
     assert known(tmp_path) != first
 
 
-def test_the_folder_may_follow_the_scene(tmp_path: Path) -> None:
-    save(tmp_path / "tiny" / "albedo" / "0000.png", colours())
-    config = compose(["scene=tiny", "prior=files", f"prior.options.path={tmp_path}/${{scene.name}}"])
-    assert config.prior.options["path"] == str(tmp_path / "tiny")
-
-
 # ---------------------------------------------------------------- mistakes
 def text(name: str, content: object) -> Callable[[Path], object]:
     return lambda folder: (folder / name).write_text(content if isinstance(content, str) else json.dumps(content))

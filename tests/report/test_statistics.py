@@ -180,21 +180,6 @@ def test_outcome_is_where_the_interval_lies(ours: list[float], theirs: list[floa
     assert f"1 {expected}" in tally([found])
 
 
-def test_differences_are_taken_seed_by_seed() -> None:
-    """Seeds move both rows by much and their difference by little: only pairing tells them apart."""
-    found = verdict({"ours": {"hat": [30.1, 20.2, 25.3]}, "theirs": {"hat": [30.0, 20.0, 25.0]}}).pairs.over_seeds
-    assert found is not None
-    assert found.mean == pytest.approx(0.2)
-    assert found.half_width == pytest.approx(scipy.stats.t.ppf(0.975, 2) * 0.1 / 3**0.5)
-
-
-def test_only_runs_that_both_rows_have_count() -> None:
-    found = verdict({"ours": {"hat": [22.0, 23.0], "ship": [50.0]}, "theirs": {"hat": [20.0], "console": [1.0]}}).pairs.over_seeds
-    assert found is not None
-    assert (found.mean, found.half_width, found.scenes) == (2.0, None, 1)
-    assert verdict({"ours": {"hat": [22.0]}}).pairs.over_seeds is None
-
-
 def test_a_missing_scene_leaves_it_undecided() -> None:
     """What survives of a row that failed elsewhere says nothing about the table."""
     values = {"ours": {"hat": [30.0, 30.1]}, "theirs": {"hat": [20.0, 20.1], "ship": [20.0, 20.1]}}

@@ -103,13 +103,6 @@ def test_every_number_of_photographs_takes_the_seeds_that_it_has() -> None:
     assert [(count, found[count]["scenes"], found[count]["pairs"]) for count in (2, 8)] == [(2, 2, 2), (8, 2, 4)]
 
 
-def test_bootstrap_of_one_seed_a_scene_is_that_of_the_mean() -> None:
-    values = np.array([1.0, 2.0, 4.0, 8.0, 3.0])
-    drawn = replicates([np.array([value]) for value in values], 40_000)
-    assert drawn.mean() == pytest.approx(values.mean(), abs=0.03)
-    assert drawn.std() == pytest.approx(values.std() / math.sqrt(len(values)), rel=0.02)  # five standard errors of the estimate
-
-
 def test_bootstrap_adds_the_variance_of_both_levels() -> None:
     generator = np.random.default_rng(3)
     scenes = [generator.normal(mean, 2.0, 30) for mean in generator.normal(0, 1.0, 40)]

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ia_bench.methods.contract import PixelSamples, Problem
 from ia_bench.methods.couplings.sampler import PriorSampler, pixel_samples
-from ia_bench.methods.photographs import evenly_spread, restrict, view_geometry
+from ia_bench.methods.photographs import restrict, view_geometry
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.priors.validation import beyond_a_material
@@ -112,26 +112,6 @@ def test_an_albedo_outside_of_the_masks_is_told() -> None:
 
 
 # ---- some of the views ----------------------------------------------------------------------------------------------
-
-
-def test_few_views_are_spread_evenly(scene: Scene) -> None:
-    """Farther apart than any of many random choices; in order; the whole list for "all" or for too many."""
-    middle = 0.5 * (scene.mesh.vertices.min(0) + scene.mesh.vertices.max(0))
-    directions = np.stack([view.camera.to_world[:3, 3] for view in scene.train]) - middle
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-
-    def closest(views: tuple[int, ...] | np.ndarray) -> float:
-        cosines = directions[list(views)] @ directions[list(views)].T
-        return float(np.arccos((cosines - 2 * np.eye(len(views))).max()))
-
-    chosen = evenly_spread(scene, 4)
-    assert len(set(chosen)) == 4
-    assert list(chosen) == sorted(chosen)
-    random = np.random.default_rng(0)
-    others = [closest(random.choice(len(scene.train), 4, replace=False)) for _ in range(300)]
-    assert closest(chosen) > np.quantile(others, 0.9)
-    everything = tuple(range(len(scene.train)))
-    assert evenly_spread(scene, "all") == evenly_spread(scene, 16) == evenly_spread(scene, 99) == everything
 
 
 def test_restricted_gbuffer_sees_the_same(problem: Problem) -> None:
