@@ -67,7 +67,7 @@ verify: setup ## the correctness battery of the renderer, slow tests included (d
 	$(PY) -m pytest -m verify $(ARGS)
 
 stability: setup ## extreme inputs, one line each, against what the answer must be
-	.venv/bin/ia-bench stability $(ARGS)
+	$(PY) -m pytest -m stability -v tests/stability $(ARGS)
 
 stiffness: setup ## how stiff the shipped scenes are, and what their images confuse (some minutes)
 	$(PY) -m benchmarks.stiffness $(or $(SCENES),$(SHIPPED) tiny) --out results/stiffness $(ARGS)

@@ -47,7 +47,7 @@ def call(installed: Path, module: str, *arguments: str, folder: Path) -> subproc
 
 
 def test_example_keeps_the_contract(installed: Path, tmp_path: Path) -> None:
-    done = call(installed, "ia_bench.check", "prior=grey_world", folder=tmp_path)
+    done = call(installed, "ia_bench", "check", "prior=grey_world", folder=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert " 0 failed, " in done.stdout.splitlines()[-1]
     assert done.stdout.count("✓") > 12
@@ -66,7 +66,7 @@ def test_example_runs(installed: Path, tmp_path: Path) -> None:
 
 
 def test_example_of_a_method_keeps_the_contract(installed: Path, tmp_path: Path) -> None:
-    done = call(installed, "ia_bench.check", "method=photograph_as_albedo", folder=tmp_path)
+    done = call(installed, "ia_bench", "check", "method=photograph_as_albedo", folder=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "method photograph_as_albedo (photograph_as_albedo:PhotographAsAlbedo) on scene tiny" in done.stdout
     assert done.stdout.splitlines()[-1].endswith(" 0 failed, 1 skipped")  # it saves no checkpoint
@@ -100,23 +100,13 @@ def test_example_of_a_method_runs(installed: Path, tmp_path: Path) -> None:
     assert read_exr(tmp_path / "result" / "albedo.exr", 3).mean() == pytest.approx(0.35, abs=0.05)  # texels beyond white are cut
 
 
-def test_baselines_are_found_by_their_entry_points(installed: Path, tmp_path: Path) -> None:
-    listed = call(installed, "ia_bench.check", "--help", folder=tmp_path).stdout
-    if importlib.util.find_spec("mitsuba") is None:
-        assert re.search(r"! method 'mitsuba_adam' of ia_bench_baselines .* cannot be used: .* pip install mitsuba", listed)
-    else:
-        assert re.search(r"mitsuba_adam.* \(ia_bench_baselines", listed)
-
-
-def test_broken_neighbour_is_named_and_skipped(installed: Path, tmp_path: Path) -> None:
-    listed = call(installed, "ia_bench.check", "--help", folder=tmp_path)
-    assert listed.returncode == 0
-    assert re.search(r"grey_world \(grey_world_prior\s+0\.1\.0\)", listed.stdout)
-    cause = "importing shaky_prior:Prior raised OSError: libshaky.so"
-    assert f"prior 'shaky' of shaky 0.3 cannot be used: {cause}" in listed.stdout
-    asked = call(installed, "ia_bench.check", "prior=shaky", folder=tmp_path)
+def test_plugins_are_found_by_their_entry_points_and_a_broken_one_is_named(installed: Path, tmp_path: Path) -> None:
+    listed = call(installed, "ia_bench", "--choices", folder=tmp_path).stdout
+    assert re.search(r"  mitsuba_adam +from ia_bench_baselines", listed)
+    assert re.search(r"  grey_world +from grey_world_prior 0\.1\.0", listed)
+    asked = call(installed, "ia_bench", "check", "prior=shaky", folder=tmp_path)
     assert (asked.returncode, asked.stdout) == (2, "")
-    assert "prior 'shaky' of shaky 0.3 cannot be used" in asked.stderr
+    assert "prior 'shaky' of shaky 0.3 cannot be used: importing shaky_prior:Prior raised OSError: libshaky.so" in asked.stderr
 
 
 def test_example_is_nearer_to_the_truth_than_the_image(monkeypatch: pytest.MonkeyPatch) -> None:

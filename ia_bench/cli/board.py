@@ -10,7 +10,7 @@ from typing import Any
 
 from ia_bench.cli.report import finish
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import FAULT, OK, complain, status_of
+from ia_bench.common.exit_codes import FAULT, OK, complain, exits
 from ia_bench.common.files import read_json
 from ia_bench.common.paths import make_writable
 from ia_bench.report.collect import CellKey
@@ -23,6 +23,7 @@ PACKS = "packs"
 """The folder below a board's that holds its packs, unpacked."""
 
 
+@exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 1 if a pack was left out, each of which is named."""
     parser = argparse.ArgumentParser(prog="ia-bench board", description=__doc__.partition(": ")[2], allow_abbrev=False)
@@ -31,10 +32,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--verified", type=Path, metavar="FILE.json", help="written by ia-bench verify --out: rows are marked")
     parser.add_argument("--reference", help="the row, with its authors, that the others are compared with")
     wanted = parser.parse_args(arguments)
-    return status_of(lambda: _board(wanted))
-
-
-def _board(wanted: argparse.Namespace) -> int:
     packs = packs_among(wanted.packs)
     verified = None if wanted.verified is None else _verified(wanted.verified)
     make_writable(wanted.out, "--out")

@@ -8,13 +8,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, say, status_of
+from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.runs.decomposition import check_numbers, decompose_with, make_prior, reduced, write_decomposition
 from ia_bench.scenes.photograph import read_photograph
 
 
+@exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     about = __doc__.partition("\n")[0]
@@ -28,10 +29,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--size", type=int, default=512, help="reduce larger images to this many pixels (default: 512)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the samples (default: 0)")
     wanted = parser.parse_args(arguments)
-    return status_of(lambda: _decompose(wanted))
-
-
-def _decompose(wanted: argparse.Namespace) -> int:
     check_numbers("--", samples=wanted.samples, size=wanted.size, seed=wanted.seed)
     if wanted.mask is not None and len(wanted.images) > 1:
         raise InputError(f"--mask: expected one image with it, found {len(wanted.images)}")

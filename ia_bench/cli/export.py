@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ia_bench.common.errors import InputError, unknown
-from ia_bench.common.exit_codes import OK, say, status_of
+from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.paths import make_writable
 from ia_bench.scenes.scene import Mesh
 
@@ -27,6 +27,7 @@ Formats: native, nerfstudio, blender-nerf, tensoir, nerfactor, synthetic4relight
 """
 
 
+@exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     about = __doc__.partition(": ")[2]
@@ -40,10 +41,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--background", choices=backgrounds, default="black", help="of --for prior (default: black)")
     parser.add_argument("--crop", action="store_true", help="of --for prior: squares around the object, not the photograph")
     wanted = parser.parse_intermixed_args(arguments)
-    return status_of(lambda: _export(wanted))
-
-
-def _export(wanted: argparse.Namespace) -> int:
     settings = [text for text in wanted.given if "=" in text]
     named = [text for text in wanted.given if "=" not in text]
     if not any(text.startswith(("scene=", "scene.path=")) for text in settings) and named:

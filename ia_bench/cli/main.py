@@ -22,7 +22,6 @@ COMMANDS = {
     "check": ("ia_bench.cli.check", "whether a plug-in keeps its contract, and whether a capture is read well"),
     "decompose": ("ia_bench.cli.decompose", "albedo and specular shading behind a picture, by a prior alone"),
     "export": ("ia_bench.cli.export", "a scene in the layout that other programs read, or as a network wants photographs"),
-    "stability": ("ia_bench.cli.stability", "extreme inputs, one line each, against what the answer must be (a checkout)"),
     "watch": ("ia_bench.cli.watch", "the page of a table while it is being made"),
 }
 """Name of a command -> the module whose ``main`` does it, and what it is for."""

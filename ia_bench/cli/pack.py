@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, complain, say, status_of
+from ia_bench.common.exit_codes import OK, complain, exits, say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.runs.cells import folders_with_cells
@@ -17,6 +17,7 @@ from ia_bench.runs.packs import write_pack
 from ia_bench.runs.record import METRICS_FILE, RunRecord
 
 
+@exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(prog="ia-bench pack", description=__doc__.partition(": ")[2], allow_abbrev=False)
@@ -31,10 +32,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--format", choices=("zip", "stanford-orb"), default="zip", metavar="FORMAT", help=what)
     wanted = parser.parse_args(arguments)
-    return status_of(lambda: _pack(wanted))
-
-
-def _pack(wanted: argparse.Namespace) -> int:
     found = folders_with_cells(folders_among(wanted.runs, complain), complain)
     folders = sorted(folder for folder in found if (folder / METRICS_FILE).is_file())
     if wanted.row is not None:

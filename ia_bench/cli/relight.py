@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, say, status_of
+from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
@@ -28,6 +28,7 @@ EXAMPLES = """\
 """
 
 
+@exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     about = f"{__doc__.partition(': ')[2]}\n\n{EXAMPLES}"
@@ -36,10 +37,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("what", type=Path, metavar="RUN|ASSET", help="the folder of a run, or a .glb, .gltf or .obj")
     parser.add_argument("--light", nargs="+", type=Path, required=True, help="lat-long maps, .hdr or .exr; several side by side")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".png, .webp, .gif, or .mp4 (by ffmpeg)")
-    views = "still, orbit (the object turns), test (all held-out views) or a view's name (default: a held-out one, else still)"
-    parser.add_argument("--views", metavar="VIEW", help=views)
-    turn = f"pictures of a whole turn of the light, or of the object (default: 1, of .gif and .mp4 {STEPS})"
-    parser.add_argument("--turn", type=at_least(1), metavar="N", help=turn)
+    seen = "still, orbit (the object turns), test (all held-out views) or a view's name (default: a held-out one, else still)"
+    parser.add_argument("--views", metavar="VIEW", help=seen)
+    steps = f"pictures of a whole turn of the light, or of the object (default: 1, of .gif and .mp4 {STEPS})"
+    parser.add_argument("--turn", type=at_least(1), metavar="N", help=steps)
     parser.add_argument("--seconds", type=float, default=3.0, help="that an animation lasts (default: 3)")
     parser.add_argument("--size", type=at_least(16), default=512, help="height of a picture in pixels (default: 512)")
     parser.add_argument("--samples", type=at_least(2), default=128, help="directions of light a pixel (default: 128)")
@@ -50,10 +51,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--up", choices=("y", "z"), default="y", help="the axis of an asset's file that points up (default: y)")
     parser.add_argument("--threads", type=at_least(1), default=len(os.sched_getaffinity(0)), help="CPU threads (default: all)")
     wanted = parser.parse_args(arguments)
-    return status_of(lambda: _relight(wanted))
-
-
-def _relight(wanted: argparse.Namespace) -> int:
     ev = _exposure(wanted.exposure)
     if not (math.isfinite(wanted.seconds) and wanted.seconds > 0):
         raise InputError(f"--seconds: expected more than 0, found {wanted.seconds:g}")

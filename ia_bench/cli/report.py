@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ia_bench.common.errors import InputError, unknown
-from ia_bench.common.exit_codes import OK, complain, say, status_of
+from ia_bench.common.exit_codes import OK, complain, exits, say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.report.collect import read_published
@@ -26,6 +26,7 @@ PAGE = "page"
 """The folder below a report's that holds its page."""
 
 
+@exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(prog="ia-bench report", description=__doc__, allow_abbrev=False)
@@ -39,10 +40,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     more = "rows that are the reference with more work, for gains at equal seconds (default: the table's)"
     parser.add_argument("--curve", nargs="+", metavar="ROW", help=more)
     wanted = parser.parse_args(arguments)
-    return status_of(lambda: _report(wanted))
-
-
-def _report(wanted: argparse.Namespace) -> int:
     tables = [path for path in wanted.runs if path.suffix == ".csv"]
     folders = folders_among([path for path in wanted.runs if path not in tables], complain)
     if wanted.only and not wanted.table:

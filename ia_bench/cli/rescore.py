@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import Fault, InputError
-from ia_bench.common.exit_codes import FAULT, OK, complain, say, status_of
+from ia_bench.common.exit_codes import FAULT, OK, complain, exits, say
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
@@ -19,6 +19,7 @@ from ia_bench.runs.record import METRICS_FILE
 from ia_bench.scores.protocol import Protocol
 
 
+@exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 1 if a run could not be scored, each of which is named."""
     parser = argparse.ArgumentParser(prog="ia-bench rescore", description=__doc__, allow_abbrev=False)
@@ -28,10 +29,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--scene", type=Path, help="folder of the runs' scene, if it is no longer where they found it")
     parser.add_argument("--threads", type=at_least(1), default=len(os.sched_getaffinity(0)), help="CPU threads (default: all)")
     wanted = parser.parse_args(arguments)
-    return status_of(lambda: _rescore(wanted))
-
-
-def _rescore(wanted: argparse.Namespace) -> int:
     limit_threads(wanted.threads)
     from ia_bench.runs.composition import compose
     from ia_bench.runs.recovered import Rescorer  # brings in the renderer

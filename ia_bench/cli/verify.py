@@ -12,7 +12,7 @@ from pathlib import Path
 from ia_bench.common.arguments import at_least
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import FAULT, OK, complain, say, status_of
+from ia_bench.common.exit_codes import FAULT, OK, complain, exits, say
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.paths import make_writable
@@ -23,6 +23,13 @@ from ia_bench.runs.record import digest_of, json_bytes
 TABLE = "runs.csv"
 
 
+def _share(text: str) -> float:
+    if not 0 < (value := float(text)) <= 1:
+        raise argparse.ArgumentTypeError(f"expected a number above 0 and up to 1, found {text}")
+    return value
+
+
+@exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 0 if every run was scored or run again and agrees, else 1."""
     parser = argparse.ArgumentParser(prog="ia-bench verify", description=__doc__.partition(": ")[2], allow_abbrev=False)
@@ -37,16 +44,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     cells.add_argument("--seed", type=at_least(0), default=0, help="which ones (default: 0)")
     cells.add_argument("--tolerance", type=float, default=1e-3, help="in dB; a tenth of it in other scores (default: 0.001)")
     wanted = parser.parse_args(arguments)
-    return status_of(lambda: _verify(wanted))
-
-
-def _share(text: str) -> float:
-    if not 0 < (value := float(text)) <= 1:
-        raise argparse.ArgumentTypeError(f"expected a number above 0 and up to 1, found {text}")
-    return value
-
-
-def _verify(wanted: argparse.Namespace) -> int:
     tables = [table for path in wanted.published for table in ([path] if path.suffix == ".csv" else sorted(path.rglob(TABLE)))]
     packs = [path for path in wanted.published if path.suffix != ".csv" and not (path.is_dir() and any(path.rglob(TABLE)))]
     if tables and (wanted.out is not None or wanted.scene):

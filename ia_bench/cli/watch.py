@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, say, status_of
+from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.paths import make_writable
 from ia_bench.report.site.page import PARTS, findings_so_far, key_of, write_news, write_page
 from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, WAITING, Overview, look
@@ -25,6 +25,7 @@ LIVE = "live"
 LEAST_SECONDS, MOST_SECONDS = 0.2, 86_400
 
 
+@exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(prog="ia-bench watch", description=__doc__, allow_abbrev=False)
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"folder to write the page into (default: RUNS/{LIVE})")
     parser.add_argument("--every", type=float, default=2.0, metavar="SECONDS", help="seconds between two looks (default: 2)")
     wanted = parser.parse_args(arguments)
-    return status_of(lambda: watch(wanted.runs, wanted.out or wanted.runs / LIVE, wanted.every))
+    return watch(wanted.runs, wanted.out or wanted.runs / LIVE, wanted.every)
 
 
 def watch(runs: Path, out: Path, every: float) -> int:

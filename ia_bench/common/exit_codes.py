@@ -10,11 +10,13 @@ import threading
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial, wraps
 from types import FrameType
-from typing import TextIO
+from typing import ParamSpec, TextIO
 
 from ia_bench.common.errors import Fault, InputError, PluginError, printable
 
+P = ParamSpec("P")
 log = logging.getLogger("ia_bench")
 """Where notes go that nobody takes: of this package as a library, whose user decides what becomes of them."""
 OK, FAULT, MISTAKE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
@@ -53,7 +55,11 @@ def status_of(work: Callable[[], int]) -> int:
     leaves everything such that the same command goes on, unless the KeyboardInterrupt says otherwise.
     """
     in_main_thread = threading.current_thread() is threading.main_thread()  # nobody else may set what a signal does
-    before = signal.signal(signal.SIGTERM, _terminate) if in_main_thread else None
+
+    def terminate(number: int, frame: FrameType | None) -> None:
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, terminate) if in_main_thread else None
     try:
         return work()
     except KeyboardInterrupt as stop:
@@ -68,6 +74,11 @@ def status_of(work: Callable[[], int]) -> int:
     finally:
         if before is not None:
             signal.signal(signal.SIGTERM, before)
+
+
+def exits(main: Callable[P, int]) -> Callable[P, int]:
+    """Make ``main`` of a command return its exit status however it ends (:func:`status_of`)."""
+    return wraps(main)(lambda *args, **kwargs: status_of(partial(main, *args, **kwargs)))
 
 
 def command(usage: Callable[[], str], work: Callable[[list[str]], int], arguments: Sequence[str] | None) -> int:
@@ -85,7 +96,3 @@ def command(usage: Callable[[], str], work: Callable[[list[str]], int], argument
         say(usage().rstrip(), sys.stdout)
         return OK
     return status_of(lambda: work(given))
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise Terminated

@@ -165,18 +165,6 @@ def load(plugin: Plugin) -> Any:  # noqa: ANN401 (whatever the plugin's author p
     return found
 
 
-def load_installed(kind: Kind) -> tuple[dict[str, Plugin], list[str]]:
-    """Import every plugin of other distributions: those that work by name, and why others do not, in one line each."""
-    working, broken = {}, []
-    for name, plugin in installed(kind).items():
-        try:
-            load(plugin)
-            working[name] = plugin
-        except InputError as error:
-            broken.append(str(error))
-    return working, broken
-
-
 def create(kind: Kind, name: str, target: str, options: Mapping[str, Any], *given: Any) -> Any:  # noqa: ANN401 (as load)
     """Import ``target`` and call it with what is ``given``, and ``options`` as keyword arguments.
 

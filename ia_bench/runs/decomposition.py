@@ -2,7 +2,7 @@
 
 Use it as::
 
-    from ia_bench.decompose import decompose
+    from ia_bench import decompose
     parts = decompose("photo.jpg")
     parts.mean["albedo"], parts.spread["albedo"]  # (H, W, 3) linear, premultiplied by parts.mask
 """

@@ -166,7 +166,7 @@ def test_installation_works_from_any_folder(tmp_path: Path) -> None:
     settings = subprocess.run([python, "-m", "ia_bench", "prior=oracle", "preset=paper", "--cfg", "job"], **run)
     assert "texture: 2048" in settings.stdout
     Image.new("RGB", (64, 64), (200, 120, 40)).save(elsewhere / "photo.png")
-    decomposed = subprocess.run([python, "-m", "ia_bench.decompose", "photo.png", "--samples", "1", "--out", "parts"], **run)
+    decomposed = subprocess.run([python, "-m", "ia_bench", "decompose", "photo.png", "--samples", "1", "--out", "parts"], **run)
     assert decomposed.returncode == 0, decomposed.stderr  # the weights are in the package
     assert (elsewhere / "parts/photo_albedo.exr").is_file()
     for method in ([], ["method=nvdiffrec"]):  # the scene `tiny` is in the package, the baselines in the other one
@@ -174,7 +174,7 @@ def test_installation_works_from_any_folder(tmp_path: Path) -> None:
         done = subprocess.run([python, "-m", "ia_bench", *smoke], **run)
         assert done.returncode == 0, done.stderr
         assert json.loads((elsewhere / f"result{len(method)}" / "metrics.json").read_text())["status"] == "ok"
-    checked = subprocess.run([python, "-m", "ia_bench.check", "method=nvdiffrec"], **run)
+    checked = subprocess.run([python, "-m", "ia_bench", "check", "method=nvdiffrec"], **run)
     assert "on scene tiny" in checked.stdout
     assert checked.stdout.splitlines()[-1].endswith(" passed, 0 failed, 0 skipped")
     without = subprocess.run([python, "-m", "ia_bench", "scene=hat", "device=cpu"], **run)

@@ -37,7 +37,7 @@ def arguments(weights, out):
 def test_the_command_writes_every_part_of_a_photograph(tmp_path, weights, picture):
     Image.fromarray(picture).save(tmp_path / "disc.png")
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "ia_bench.decompose", str(tmp_path / "disc.png"), *arguments(weights, out)]
+    command = [sys.executable, "-m", "ia_bench", "decompose", str(tmp_path / "disc.png"), *arguments(weights, out)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "OMP_NUM_THREADS": "1"})
     assert ended.returncode == 0, ended.stderr
     assert "2 samples, 4 network evaluations" in ended.stdout

@@ -37,9 +37,3 @@ def test_a_misspelt_command_is_one_sentence():
 
 def test_the_version_is_that_of_the_package():
     assert ia_bench("--version").stdout.split()[0] == "ia_bench"
-
-
-def test_stability_runs_the_cases_that_are_named():
-    done = ia_bench("stability", "black")
-    assert (done.returncode, " passed" in done.stdout) == (0, True), done.stdout + done.stderr
-    assert ia_bench("stability", "a", "b").returncode == 2

@@ -23,13 +23,13 @@ def test_the_cells_of_a_real_table_are_seen_to_wait_run_and_finish(tmp_path: Pat
     results = tmp_path / "results" / "ablations"
     overrides = ["table=ablations", "scenes=tiny", "preset=smoke", "device=cpu", "jobs=1"]
     making = subprocess.Popen(
-        [sys.executable, "-m", "ia_bench.table", *overrides], cwd=tmp_path, env=place, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "ia_bench", "table", *overrides], cwd=tmp_path, env=place, stderr=subprocess.PIPE, text=True
     )
     watch = None
     try:
         until(lambda: (results / "cells.json").is_file(), making)
         watch = subprocess.Popen(
-            [sys.executable, "-m", "ia_bench.watch", "results/ablations", "--every", "0.2"], cwd=tmp_path, env=place
+            [sys.executable, "-m", "ia_bench", "watch", "results/ablations", "--every", "0.2"], cwd=tmp_path, env=place
         )
         seen: set[str] = set()
 

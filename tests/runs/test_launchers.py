@@ -104,7 +104,7 @@ def test_a_worker_that_dies_costs_its_cell_one_attempt(launcher: str, capfd: pyt
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, TERMINATED), (signal.SIGINT, INTERRUPTED)])
 def test_an_interrupted_table_ends_its_jobs_with_their_state_saved(launcher: str, number: int, status: int) -> None:
     environment = os.environ | {"FAKE_HOLD": "never"}
-    command = [sys.executable, "-m", "ia_bench.table", f"launcher={launcher}", "scenes=hat", "jobs=1", "device=cpu"]
+    command = [sys.executable, "-m", "ia_bench", "table", f"launcher={launcher}", "scenes=hat", "jobs=1", "device=cpu"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
     deadline = time.monotonic() + 1200
     while time.monotonic() < deadline and not list(Path("results").rglob("checkpoint.pt")):

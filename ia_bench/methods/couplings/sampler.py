@@ -77,7 +77,7 @@ class PriorSampler:
         wrong = None if self._told else beyond_a_material(samples, observations.masks)
         if wrong is not None:
             self._told = True
-            self._note(f"prior {name_of(self._prior)} proposes {wrong}; it is used, and ia_bench.check says more")
+            self._note(f"prior {name_of(self._prior)} proposes {wrong}; it is used, and ia-bench check says more")
         return self._accounted(samples)
 
     def distill(self, renders: Images, views: tuple[int, ...], seed: int) -> Samples:

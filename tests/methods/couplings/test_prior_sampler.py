@@ -86,7 +86,7 @@ def test_absurd_values_are_counted_and_told_once(problem: Problem) -> None:
     asking.draw(None)
     assert asking.counters["prior_absurd_values"] == 0
     largest = 0.5 * max(float(view.image.max()) for view in problem.scene.train)
-    assert notes == [f"prior Spy proposes an albedo up to {largest:.3g}, expected 0 to 1; it is used, and ia_bench.check says more"]
+    assert notes == [f"prior Spy proposes an albedo up to {largest:.3g}, expected 0 to 1; it is used, and ia-bench check says more"]
     notes.clear()
     views = problem.scene.train
     spoiled = views[0].image.copy()
