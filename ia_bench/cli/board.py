@@ -15,7 +15,7 @@ from ia_bench.common.files import read_json
 from ia_bench.common.paths import make_writable
 from ia_bench.report.collect import CellKey
 from ia_bench.report.write import write_report
-from ia_bench.runs.packs import Manifest, check_reader, packs_among, problems, unpack
+from ia_bench.runs.packs import check_reader, packs_among, problems, unpack
 from ia_bench.runs.record import RunRecord, digest_of
 from ia_bench.runs.table import Row, Table
 
@@ -52,30 +52,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
             shutil.rmtree(place, ignore_errors=True)
             packs = [other for other in packs if other != path]
             continue
-        for row, (label, note) in _rows(manifest, place, None if verified is None else verified.get(digest, {})).items():
-            notes[label] = note
-            cells |= {place / run.folder: (label, run.scene, run.seed) for run in manifest.runs if run.row == row}
+        states = None if verified is None else verified.get(digest, {})
+        records = {run.folder: RunRecord.read(place / run.folder) for run in manifest.runs}
+        for row in dict.fromkeys(record.row for record in records.values()):
+            runs = {folder: record for folder, record in records.items() if record.row == row}
+            mark, said = "", ["brought by " + " ".join(filter(None, (manifest.authors, manifest.url)))]
+            if states is not None:
+                count = sum(states.get(folder) == "verified" for folder in runs)
+                mark = ", verified" if count == len(runs) else ", not verified"
+                said.append(f"{count} of {len(runs)} runs scored again with the same result")
+            declared = any(record.declared is not None for record in runs.values())
+            said.append("seconds as they declare them" if declared else "seconds as measured by the runs")
+            label = f"{row} ({manifest.authors}{mark})"
+            notes[label] = "; ".join([*said, *filter(None, [manifest.note])])
+            cells |= {place / folder: (label, record.scene, record.seed) for folder, record in runs.items()}
     if not cells:
         raise InputError(f"{', '.join(map(str, wanted.packs))}: expected a pack that can be shown, found none")
     rows = [Row(label, [], note) for label, note in notes.items()]
     finish(write_report(cells, wanted.out, Table(rows=rows, reference=wanted.reference)), wanted.out, "board")
     return OK if len(packs) == len(packs_among(wanted.packs)) else FAULT
-
-
-def _rows(manifest: Manifest, place: Path, states: dict[str, str] | None) -> dict[str, tuple[str, str]]:
-    """Every row of a pack -> what the board calls it, and what is said of it. ``states``: of its runs, None if none is known."""
-    found = {}
-    for row in dict.fromkeys(run.row for run in manifest.runs):
-        runs = [run for run in manifest.runs if run.row == row]
-        mark, said = "", ["brought by " + " ".join(filter(None, (manifest.authors, manifest.url)))]
-        if states is not None:
-            count = sum(states.get(run.folder) == "verified" for run in runs)
-            mark = ", verified" if count == len(runs) else ", not verified"
-            said.append(f"{count} of {len(runs)} runs scored again with the same result")
-        declared = any(RunRecord.read(place / run.folder).declared is not None for run in runs)
-        said.append("seconds as they declare them" if declared else "seconds as measured by the runs")
-        found[row] = f"{row} ({manifest.authors}{mark})", "; ".join([*said, *filter(None, [manifest.note])])
-    return found
 
 
 def _verified(path: Path) -> dict[str, dict[str, str]]:

@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise InputError(f"{', '.join(map(str, wanted.runs))}: expected the {METRICS_FILE} of {of} below, found none")
     make_writable(wanted.out.parent, "--out")
     if wanted.format == "stanford-orb":
-        from ia_bench.runs.stanford_orb import write_submission  # brings in the renderer
+        from ia_bench.runs.submissions import write_submission  # brings in the renderer
 
         with Progress() as progress:
             say(f"{write_submission(folders, wanted.out, begin=progress.task)} is for scripts/test.py of Stanford-ORB", sys.stdout)
@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if wanted.authors is None:
         raise InputError('--authors: expected who brings the results, as --authors "A. Author", found none')
     manifest = write_pack(folders, wanted.out, authors=wanted.authors, url=wanted.url, note=wanted.note)
-    failed = sum(run.status == "failed" for run in manifest.runs)
+    failed = sum(RunRecord.read(folder).status == "failed" for folder in folders)
     what = f"{len(manifest.runs)} runs" if len(manifest.runs) > 1 else "1 run"
     said = f", {failed} of which failed" if failed else ""
     say(f"{wanted.out}: {what}{said}, {wanted.out.stat().st_size / 1e6:.1f} MB; ia-bench verify {wanted.out} checks it", sys.stdout)

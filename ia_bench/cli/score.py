@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise InputError(f"expected one mesh ({', '.join(MESHES)}) or folder of pictures, found {shown(' '.join(wanted.given))}")
     path = Path(what).expanduser()
     if wanted.pictures is not None:
-        from ia_bench.runs.predictions import write_predictions  # brings in the renderer
+        from ia_bench.runs.submissions import write_predictions  # brings in the renderer
 
         for name, count in write_predictions(path, Path(wanted.pictures)).items():
             say(f"{wanted.pictures}/{name}: {count} pictures", sys.stdout)

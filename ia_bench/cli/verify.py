@@ -102,8 +102,8 @@ def _score_again(wanted: argparse.Namespace, paths: Sequence[Path]) -> int:
             agreed = False
             continue
         for one in verdicts:
-            states[one.run.folder] = one.state
-            say("; ".join([f"{path}: {one.run.row}, {one.run.scene}, seed {one.run.seed}: {one.state}", *one.says]), sys.stdout)
+            states[one.folder] = one.state
+            say("; ".join([f"{path}: {one.name}: {one.state}", *one.says]), sys.stdout)
         runs += sum(one.state == "verified" for one in verdicts)
         agreed &= all(one.state == "verified" for one in verdicts)
     tolerated = ", ".join(f"{name} {value:g}" for name, value in {**TOLERANCE, "others": OTHER}.items())

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
 
 from ia_bench.common.errors import Fault
 from ia_bench.common.machine import limit_threads
@@ -37,7 +35,17 @@ def execute(config: RunConfig, progress: Progress | None = None) -> tuple[RunRec
         try:
             with deferred():
                 limit_threads(config.threads or 1)
-                record = _resume_or_start(config, folder, progress, labels(config, content))
+                from ia_bench.runs.run import run  # brings in the renderer; a finished run does without it
+
+                known = labels(config, content)
+                try:
+                    record = run(config, folder, progress, known)
+                except Exception as error:
+                    if not folder.restoring:
+                        raise
+                    progress.note(f"{folder.path}: checkpoint ignored, starting over ({type(error).__name__}: {error})")
+                    folder.drop_checkpoint()
+                    record = run(config, folder, progress, known)
         except KeyboardInterrupt as stop:
             if not (folder.path / CHECKPOINT).is_file():  # while a mesh was made of photographs, for instance
                 stop.args = (" before the run had saved anything; the same command starts over",)
@@ -49,17 +57,3 @@ def execute(config: RunConfig, progress: Progress | None = None) -> tuple[RunRec
                 progress.note(str(problem))
             raise
         return record, place
-
-
-def _resume_or_start(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping[str, Any]) -> RunRecord:
-    """Do the run; a checkpoint that its method cannot go on from is no checkpoint."""
-    from ia_bench.runs.run import run  # brings in the renderer; a finished run does without it
-
-    try:
-        return run(config, folder, progress, known)
-    except Exception as error:
-        if not folder.restoring:
-            raise
-        progress.note(f"{folder.path}: checkpoint ignored, starting over ({type(error).__name__}: {error})")
-        folder.drop_checkpoint()
-        return run(config, folder, progress, known)

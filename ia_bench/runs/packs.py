@@ -1,31 +1,27 @@
 """A pack: finished runs as one zip file that others can score again and show beside theirs.
 
 ``manifest.json`` says who brings it and what is in it; each run lies in a folder of its own, with its record, its configuration and
-every file that it wrote. What is read of a pack is somebody else's: names that lead elsewhere and sizes beyond reason are refused.
+every file that it wrote. What is read of a pack is somebody else's: sizes beyond reason are refused, and it starts no code.
 """
 
 from __future__ import annotations
 
 import hashlib
-import shutil
-import stat
 import zipfile
 import zlib
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json, shown, user_path
 from ia_bench.common.ranges import Name
 from ia_bench.common.registry import THE_COMMAND_LINE, named
-from ia_bench.common.settings import parsed
+from ia_bench.common.settings import parsed, parsed_file
 from ia_bench.runs.config import NATIVE_READER, slug
 from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup, damaged_file, digest_of, json_bytes
 
@@ -35,52 +31,24 @@ ORDERS, PICTURES = ("names", "sorted"), (".exr", ".png")  # as method=images has
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file within: the same runs give the same bytes
 BROUGHT_PICTURES, ORDER = "brought", "order.json"
 """The folder below a run's with the pictures that method=images scored, and the file in it that says their order."""
-MOST_MEMBERS, MEMBER_BYTES, ALL_BYTES = 20_000, 1 << 30, 8 << 30
-"""Of files in a pack: how many, and how many bytes of one and of all, unpacked."""
+MOST_MEMBERS, ALL_BYTES = 20_000, 8 << 30  # of files in a pack: how many, and of all, unpacked
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError)
 """What zipfile raises for a file that is none, is cut off, encrypted, or packed in a way that it does not know."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PackedRun:
-    """One run of a pack.
+    """One run of a pack; its labels are in its record.
 
     Attributes:
         folder: Where in the pack its files lie.
-        row: As in its record, like the next five.
-        scene: Name of the scene.
-        seed: Of everything that is drawn.
-        status: "ok" or "failed".
-        protocol: The protocol's label.
-        protocol_hash: SHA-256 of the protocol and the content of the scene's files.
-        config_hash: SHA-256 of the run's identity.
-        scene_content: SHA-256 of the files of the scene; None where the reader names none.
         files: Name of a file in the folder -> its SHA-256.
     """
 
-    folder: str
-    row: Name
-    scene: Name
-    seed: int
-    status: Literal["ok", "failed"]
-    protocol: str
-    protocol_hash: str | None
-    config_hash: str
-    scene_content: str | None
-    files: dict[str, str]
+    __pydantic_config__ = ConfigDict(extra="ignore")  # packs of before repeat labels here
 
-    @classmethod
-    def of(cls, folder: Path, place: str) -> PackedRun:
-        """The run in ``folder``, which lies at ``place`` in the pack. Raises InputError where it has no record."""
-        try:
-            record, setup = RunRecord.read(folder), RunSetup.read(folder)
-        except FileNotFoundError:
-            raise InputError(f"{folder}: expected a run's {METRICS_FILE}, found none") from None
-        names = ("row", "scene", "seed", "status", "protocol", "protocol_hash", "config_hash")
-        labels = {name: getattr(record, name) for name in names}
-        scene = setup.identity.get("scene")
-        files = {file: digest_of(folder / file) or "" for file in (METRICS_FILE, CONFIG, *record.files)}
-        return cls(folder=place, scene_content=scene.get("content") if isinstance(scene, dict) else None, files=files, **labels)
+    folder: str
+    files: dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,23 +78,28 @@ def write_pack(folders: Sequence[Path], out: Path, *, authors: str, url: str = "
     """
     runs: list[PackedRun] = []
     content: dict[str, bytes | Path] = {}
-    parts: dict[str, bytes | Path]
+    known: set[tuple[str, str, int]] = set()
     for folder in folders:
-        run = PackedRun.of(folder, "")
-        damaged = damaged_file(folder, RunRecord.read(folder))
+        record = read_record(folder)
+        damaged = damaged_file(folder, record)
         if damaged is not None:
-            raise InputError(f"{folder / damaged}: expected the file that the run wrote, found {_instead(folder / damaged)}")
-        name = f"runs/{slug(run.scene)}/{slug(run.row)}-seed{run.seed}-{run.config_hash[:8]}"
-        twice = next((other for other in runs if (other.row, other.scene, other.seed) == (run.row, run.scene, run.seed)), None)
-        if twice is not None:
-            raise InputError(f"{folder}: expected one run of row {run.row}, scene {run.scene}, seed {run.seed}, found a second one")
-        texts = {file: _without_home((folder / file).read_bytes()) for file in (METRICS_FILE, CONFIG)}
-        parts = {**{file: folder / file for file in run.files}, **_brought(folder), **texts}
+            found = "another one" if (folder / damaged).is_file() else "none"
+            raise InputError(f"{folder / damaged}: expected the file that the run wrote, found {found}")
+        if (label := (record.row, record.scene, record.seed)) in known:
+            raise InputError(f"{folder}: expected one run of {record.name}, found a second one")
+        known.add(label)
+        name = f"runs/{slug(record.scene)}/{slug(record.row)}-seed{record.seed}-{record.config_hash[:8]}"
+        parts: dict[str, bytes | Path] = {**{file: folder / file for file in record.files}, **_brought(folder)}
+        home = str(Path.home()).rstrip("/")  # names the user; ~ is found again on the same machine
+        for file in (METRICS_FILE, CONFIG):
+            text = (folder / file).read_bytes()
+            parts[file] = text.replace(f"{home}/".encode(), b"~/") if home else text
         content |= {f"{name}/{file}": part for file, part in parts.items()}
         digests = {
-            file: digest_of(part) if isinstance(part, Path) else hashlib.sha256(part).hexdigest() for file, part in parts.items()
+            file: (digest_of(part) or "") if isinstance(part, Path) else hashlib.sha256(part).hexdigest()
+            for file, part in parts.items()
         }
-        runs.append(PackedRun(**{**asdict(run), "folder": name, "files": digests}))
+        runs.append(PackedRun(folder=name, files=digests))
     manifest = parsed(Manifest, asdict(Manifest(authors=authors, url=url, note=note, runs=runs)))
     with whole_file(out) as partial, zipfile.ZipFile(partial, "w") as archive:
         for name, part in {MANIFEST: json_bytes(MANIFEST, asdict(manifest)), **content}.items():
@@ -135,57 +108,43 @@ def write_pack(folders: Sequence[Path], out: Path, *, authors: str, url: str = "
     return manifest
 
 
-@contextmanager
-def opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    """The zip file ``path``, of which every member has a name below its folder and a size within reason. Raises InputError."""
+def unpack(path: Path, out: Path) -> Manifest:
+    """Unpack what the manifest of the pack ``path`` lists into the folder ``out``, and return the manifest.
+
+    Hashes are not asked about (:func:`problems`); nothing is written outside of ``out`` (:meth:`zipfile.ZipFile.extract`). Raises
+    InputError for a file that is no pack, is damaged, too large, lacks a file, or has one that its manifest does not list.
+    """
     try:
         with zipfile.ZipFile(path) as archive:
-            _check_members(path, archive.infolist())
-            yield archive
+            members = [info for info in archive.infolist() if not info.is_dir()]
+            names, total = {info.filename for info in members}, sum(info.file_size for info in members)
+            if len(members) > MOST_MEMBERS or total > ALL_BYTES:
+                most = f"{MOST_MEMBERS} files and {ALL_BYTES >> 20} MB"
+                raise InputError(f"{path}: expected at most {most} in a pack, found {len(members)} and {total >> 20}")
+            if MANIFEST not in names:
+                raise InputError(f"{path}: expected a {MANIFEST} in the pack, found none")
+            archive.extract(MANIFEST, out)
+            manifest = parsed_file(Manifest, path, read_json(out / MANIFEST), f"{MANIFEST}: ")
+            listed = {f"{run.folder}/{file}" for run in manifest.runs for file in run.files}
+            if odd := listed - names:
+                raise InputError(f"{path}: {MANIFEST} lists {shown(min(odd))}, which is not there")
+            if odd := names - {MANIFEST, *listed}:
+                raise InputError(f"{path}: {MANIFEST} does not list {shown(min(odd))}, which is in the pack")
+            for name in listed:
+                archive.extract(name, out)
+            return manifest
     except BROKEN as error:
         raise InputError(f"{shown(path)}: expected a pack, found no readable zip file ({shown(error)})") from None
 
 
-def unpack(path: Path, out: Path) -> Manifest:
-    """Unpack what the manifest of the pack ``path`` lists into the folder ``out``, and return the manifest.
-
-    Hashes are not asked about (:func:`problems`). Raises InputError for a file that is no pack, is damaged, lacks a file or has
-    one that its manifest does not list, or whose names lead out of its folder.
-    """
-    with opened(path) as archive:
-        names = {info.filename for info in archive.infolist() if not info.is_dir()}
-        if MANIFEST not in names:
-            raise InputError(f"{path}: expected a {MANIFEST} in the pack, found none")
-        _extract(archive, MANIFEST, out)
-        try:
-            manifest = parsed(Manifest, read_json(out / MANIFEST))
-        except InputError as error:
-            raise InputError(f"{path}: {MANIFEST}: {str(error).removeprefix(f'{out / MANIFEST}: ')}") from None
-        listed = [f"{run.folder}/{file}" for run in manifest.runs for file in run.files]
-        for what, odd in (("lists", set(listed) - names), ("does not list", names - {*listed, MANIFEST})):
-            if odd:
-                found = "which is not there" if what == "lists" else "in the pack"
-                raise InputError(f"{path}: {MANIFEST} {what} {shown(sorted(odd)[0])}, {found}")
-        if len(set(listed)) < len(listed):
-            raise InputError(f"{path}: {MANIFEST}: expected a folder of its own for every run, found one twice")
-        for name in listed:
-            _extract(archive, name, out)
-    return manifest
-
-
 def problems(run: PackedRun, out: Path) -> list[str]:
     """What of an unpacked run is not as its manifest or its own record says; nothing where all agree."""
-    folder = out / run.folder
+    said, folder = list[str](), out / run.folder
     try:
-        found = PackedRun.of(folder, run.folder)
+        recorded = read_record(folder).files
+        RunSetup.read(folder)
     except InputError as error:
         return [str(error).replace(f"{folder}/", "").replace(str(folder), run.folder)]
-    said = [
-        f"{name}: the manifest says {shown(repr(value))}, the run's files say {shown(repr(getattr(found, name)))}"
-        for name, value in asdict(run).items()
-        if name != "files" and getattr(found, name) != value
-    ]
-    recorded = {**found.files, **RunRecord.read(folder).files}
     for file in sorted(run.files.keys() | recorded.keys()):
         digest = digest_of(folder / file)
         where = [whose for whose, files in (("manifest", run.files), ("record", recorded)) if files.get(file, digest) != digest]
@@ -194,6 +153,14 @@ def problems(run: PackedRun, out: Path) -> list[str]:
                 f"{file}: expected the hash in the {' and the '.join(where)}, found {'another one' if digest else 'no file'}"
             )
     return said
+
+
+def read_record(folder: Path) -> RunRecord:
+    """The record in a run's folder. Raises InputError where there is none, or something else."""
+    try:
+        return RunRecord.read(folder)
+    except FileNotFoundError:
+        raise InputError(f"{folder}: expected a run's {METRICS_FILE}, found none") from None
 
 
 def check_reader(folder: Path) -> None:
@@ -216,35 +183,6 @@ def packs_among(paths: Sequence[Path]) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
-def _check_members(path: Path, members: Sequence[zipfile.ZipInfo]) -> None:
-    names = [info.filename for info in members]
-    if len(names) > MOST_MEMBERS:
-        raise InputError(f"{path}: expected at most {MOST_MEMBERS} files in a pack, found {len(names)}")
-    for info in members:
-        name, kind = info.filename, stat.S_IFMT(info.external_attr >> 16)
-        parts = PurePosixPath(name).parts
-        if name.startswith("/") or not parts or ".." in parts or "\\" in name or ":" in name or not name.isprintable():
-            raise InputError(f"{path}: expected names of files below the pack's folder, found {shown(repr(name))}")
-        if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
-            raise InputError(f"{path}: {shown(name)}: expected a file, found a link or a device")
-        if info.file_size > MEMBER_BYTES:
-            raise InputError(f"{path}: {shown(name)}: expected at most {MEMBER_BYTES >> 20} MB, found {info.file_size >> 20} MB")
-    twice = next((name for name, count in Counter(names).items() if count > 1), None)
-    if twice is not None:
-        raise InputError(f"{path}: expected every file once, found {shown(twice)} twice")
-    total = sum(info.file_size for info in members)
-    if total > ALL_BYTES:
-        raise InputError(f"{path}: expected at most {ALL_BYTES >> 30} GB in a pack, found {total / (1 << 30):.1f} GB")
-
-
-def _extract(archive: zipfile.ZipFile, name: str, out: Path) -> None:
-    """Copy one member; zipfile gives no more bytes than the size that was checked, and raises BadZipFile for others."""
-    target = out / name
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with archive.open(name) as member, target.open("wb") as file:
-        shutil.copyfileobj(member, file)
-
-
 def _brought(folder: Path) -> dict[str, Path]:
     """The pictures that a run of method=images has scored, by their names in its folder of a pack; nothing of other methods."""
     method = RunSetup.read(folder).config.get("method", {})
@@ -256,13 +194,3 @@ def _brought(folder: Path) -> dict[str, Path]:
     found = {path.relative_to(root).as_posix(): path for path in pictures}
     found |= {} if order in ORDERS else {ORDER: user_path("method.options.order", str(order))}
     return {f"{BROUGHT_PICTURES}/{name}": path for name, path in found.items()}
-
-
-def _without_home(text: bytes) -> bytes:
-    """A JSON text with ~ for the home folder in its paths: it names the user, and ~ is found again on the same machine."""
-    home = str(Path.home()).rstrip("/")
-    return text.replace(f"{home}/".encode(), b"~/") if home else text
-
-
-def _instead(path: Path) -> str:
-    return "another one" if path.is_file() else "none"

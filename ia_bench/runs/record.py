@@ -151,6 +151,11 @@ class RunRecord:
         return "\n".join(lines)
 
     @property
+    def name(self) -> str:
+        """How messages call the run."""
+        return f"row {self.row}, scene {self.scene}, seed {self.seed}"
+
+    @property
     def commit(self) -> str | None:
         """The commit of the code that made the run, None where it was no checkout."""
         found = self.environment.get("commit")

@@ -25,14 +25,15 @@ from ia_bench.methods.validation import reconstruct
 from ia_bench.priors.contract import NoPrior, Prior, PriorInfo
 from ia_bench.priors.inputs import beside_run
 from ia_bench.priors.validation import check_prior_info
+from ia_bench.render.asset_files import glb
 from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.runs import interruption
-from ia_bench.runs.assets import write_assets
 from ia_bench.runs.config import RunConfig, method_of
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.pictures.packing import write_pictures
 from ia_bench.runs.record import RunRecord, row_seconds
 from ia_bench.runs.scene import read_scene, tell, tell_truth
+from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.scene import Scene
 from ia_bench.scores.evaluate import drawn_scale
 from ia_bench.scores.scorer import Scorer
@@ -83,6 +84,22 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
         "declared": _declared(result.declared, asked.declared, row_seconds(time_s)),
     }
     return folder.write_record(RunRecord(**found, config_hash=folder.config_hash, status="ok"))
+
+
+def write_assets(folder: RunFolder, reconstruction: Reconstruction) -> None:
+    """Write albedo.exr (T, T, 3), roughness.exr (T, T), light.exr (H, W, 3), all linear, and asset.glb, for other programs.
+
+    And metallic.exr (T, T) where it was recovered. Nothing of a reconstruction that has no textures.
+    """
+    assets = reconstruction.assets()
+    if assets is None:
+        return
+    for name in ("albedo", "roughness", "metallic", "light"):
+        image = getattr(assets, name)
+        if image is not None:
+            with folder.path_for(f"{name}.exr") as path:
+                write_exr(path, image, half=False)
+    folder.write_bytes("asset.glb", glb(assets.mesh, assets.albedo, assets.roughness, assets.metallic))
 
 
 def _declared(results: Declared | None, predictions: Declared | None, seconds: float) -> dict[str, Any] | None:

@@ -17,7 +17,7 @@ from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.settings import flat
 from ia_bench.runs.identity import hash_of
-from ia_bench.runs.packs import PackedRun, check_reader, problems, unpack
+from ia_bench.runs.packs import PackedRun, check_reader, problems, read_record, unpack
 from ia_bench.runs.record import METRICS_FILE
 from ia_bench.runs.recovered import Recovered, Rescorer
 from ia_bench.scores.protocol import Protocol
@@ -37,12 +37,14 @@ class Verdict:
     """What was found of one run of a pack.
 
     Attributes:
-        run: Its labels in the manifest.
-        state: "differs" where a hash, a label or a score is another one; "not scored again" where that cannot be done here.
+        folder: Where in the pack it lies.
+        name: Its row, scene and seed, or its folder where its record cannot be read.
+        state: "differs" where a hash or a score is another one; "not scored again" where that cannot be done here.
         says: Why, a sentence each; nothing of a verified run.
     """
 
-    run: PackedRun
+    folder: str
+    name: str
     state: State
     says: tuple[str, ...]
 
@@ -56,32 +58,31 @@ class Verifier:
         self._last: tuple[tuple[Protocol, str], Rescorer] | None = None
 
     def verify(self, path: Path, progress: Progress) -> list[Verdict]:
-        """A verdict on every run of the pack ``path``. Raises InputError for what is no pack, or a damaged one."""
+        """A verdict on every run of the pack ``path``, scene by scene. Raises InputError for what is no pack, or a damaged one."""
         with tempfile.TemporaryDirectory() as place:
-            manifest = unpack(path, Path(place))
-            runs = sorted(manifest.runs, key=lambda run: (run.scene, run.protocol))
+            runs = sorted(unpack(path, Path(place)).runs, key=lambda run: run.folder)
             return [self._verdict(run, Path(place), progress) for run in runs]
 
     def _verdict(self, run: PackedRun, place: Path, progress: Progress) -> Verdict:
-        said = problems(run, place)
-        if run.status != "ok":
-            return Verdict(run, "differs" if said else "not scored again", (*said, "the run failed"))
-        progress.note(f"{run.row}, {run.scene}, seed {run.seed}: scoring again")
+        said, name = problems(run, place), run.folder
+        state: State = "not scored again"
         try:
+            record = read_record(place / run.folder)
+            name = f"{record.row}, {record.scene}, seed {record.seed}"
+            if record.status != "ok":
+                raise InputError("the run failed")
+            progress.note(f"{name}: scoring again")
             check_reader(place / run.folder)
             recovered = Recovered(place / run.folder)
             said += _inconsistent(recovered)
-            found = self._rescorer(recovered).score(recovered, progress.task).as_dict()
+            key = recovered.config.protocol, recovered.config.scene.name
+            if self._last is None or self._last[0] != key:
+                self._last = key, Rescorer(key[0], Path(), self._scenes.get(key[1]))
+            found = self._last[1].score(recovered, progress.task).as_dict()
+            apart, state = differences(asdict(record), found), "verified"
         except (InputError, Fault) as error:
-            return Verdict(run, "differs" if said else "not scored again", (*said, str(error).replace(f"{place}/", "")))
-        apart = differences(asdict(recovered.record), found)
-        return Verdict(run, "differs" if said or apart else "verified", (*said, *apart))
-
-    def _rescorer(self, run: Recovered) -> Rescorer:
-        key = run.config.protocol, run.config.scene.name
-        if self._last is None or self._last[0] != key:
-            self._last = key, Rescorer(run.config.protocol, Path(), self._scenes.get(run.config.scene.name))
-        return self._last[1]
+            apart = () if said else (str(error).replace(f"{place}/", ""),)
+        return Verdict(run.folder, name, "differs" if said or (apart and state == "verified") else state, (*said, *apart))
 
 
 def differences(told: Mapping[str, Any], found: Mapping[str, Any]) -> tuple[str, ...]:

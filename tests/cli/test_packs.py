@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import stat
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -159,12 +158,9 @@ def test_no_code_is_run_that_a_pack_names(pack: Path, tmp_path: Path, capsys: py
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("../evil.txt", "expected names of files below the pack's folder"),
-        ("/tmp/evil.txt", "expected names of files below the pack's folder"),
-        ("runs\\evil.txt", "expected names of files below the pack's folder"),
+        ("../evil.txt", "does not list ../evil.txt"),
         ("evil.txt", "does not list evil.txt"),
-        ("link", "expected a file, found a link"),
-        ("large", "expected at most 0 MB, found 1 MB"),
+        ("large", "expected at most 20000 files and 0 MB in a pack, found "),
     ],
 )
 def test_what_leads_out_of_a_pack_or_is_too_large_is_refused(
@@ -172,16 +168,26 @@ def test_what_leads_out_of_a_pack_or_is_too_large_is_refused(
 ) -> None:
     path = tmp_path / "a.zip"
     shutil.copyfile(pack, path)
-    info = zipfile.ZipInfo(name)
-    if name == "link":
-        info.external_attr = (stat.S_IFLNK | 0o777) << 16
     if name == "large":
-        monkeypatch.setattr(packs, "MEMBER_BYTES", 1 << 19)
+        monkeypatch.setattr(packs, "ALL_BYTES", 1 << 19)
     with zipfile.ZipFile(path, "a") as archive:
-        archive.writestr(info, bytes(1 << 20) if name == "large" else b"/etc/passwd")
+        archive.writestr(name, b"of somebody else")
     assert main(["verify", str(path)]) == 1
     assert says in capsys.readouterr().err
     assert not (tmp_path / "evil.txt").exists()
+
+
+def test_a_manifest_that_lists_what_leads_out_of_the_pack_writes_nothing_there(pack: Path, tmp_path: Path) -> None:
+    files = files_of(pack)
+    manifest = json.loads(files["manifest.json"])
+    manifest["runs"].append({"folder": "../..", "files": {"evil.txt": "0"}})
+    files |= {"manifest.json": json.dumps(manifest).encode(), "../../evil.txt": b"of somebody else"}
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    packs.unpack(tmp_path / "a.zip", tmp_path / "deep" / "down")
+    assert not list(tmp_path.glob("**/evil.txt"))[1:]
+    assert (tmp_path / "deep" / "down" / "evil.txt").is_file()
 
 
 def test_a_board_has_rows_by_who_brought_them_and_marks_what_is_verified(

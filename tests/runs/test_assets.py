@@ -17,8 +17,8 @@ from ia_bench.material.textures import Material, fetch
 from ia_bench.render.asset_files import glb
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.stage import Stage
-from ia_bench.runs.assets import write_assets
 from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.run import write_assets
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Mesh

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ia_bench.cli.main import main
-from ia_bench.runs import stanford_orb
+from ia_bench.runs import submissions
 from ia_bench.scenes.exr import read_exr
 
 CAPTURE = "object_scene001"
@@ -33,7 +33,7 @@ def test_pairs_are_of_one_view_and_geometry_is_in_the_frame_of_the_camera(
     given = ["pack", str(run), "--format", "stanford-orb", "--out", "test/ours"]
     assert main(given) == 2
     assert "expected views of 512 x 512 pixels (reader.options.shrink=4), found 32 x 32" in capsys.readouterr().err
-    monkeypatch.setattr(stanford_orb, "SIDE", 32)
+    monkeypatch.setattr(submissions, "SIDE", 32)
     assert main(given) == 0
     found = json.loads(Path("test/ours.json").read_text())["info"][CAPTURE]
     assert set(found) == {"view", "light", "geometry", "material", "shape"}

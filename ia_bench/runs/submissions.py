@@ -1,6 +1,6 @@
-"""Results on captures of Stanford-ORB, laid out as its own evaluation takes them (scripts/test.py of its repository).
+"""The pictures by which a run is scored, as ``method=images`` reads them, or as the evaluation of Stanford-ORB takes them.
 
-OUT.json, ``{"info": {CAPTURE: {"view", "light", "geometry", "material", "shape"}}}``, pairs files below OUT/CAPTURE with files of
+That is scripts/test.py of its repository: OUT.json, ``{"info": {CAPTURE: {"view", "light", "geometry", "material", "shape"}}}``, pairs files below OUT/CAPTURE with files of
 the dataset. Pictures are linear OpenEXR of SIDE x SIDE pixels with three channels, divided by their coverage; normals are in the
 frame of the camera, as the dataset's are, and depths along its axis.
 """
@@ -16,13 +16,15 @@ import torch
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
+from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Begin, unseen
+from ia_bench.methods.info import held_out
 from ia_bench.render.stage import Stage
 from ia_bench.runs.record import json_bytes
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.images import Images, straight
-from ia_bench.scenes.scene import Camera, Mesh, View
+from ia_bench.scenes.scene import View
 from ia_bench.scores.scorer import Scorer
 
 SIDE = 512  # pixels of the pictures that the evaluation takes
@@ -31,6 +33,31 @@ DATA = "data/stanfordorb"
 """Where the evaluation's own example has the dataset, below the folder that it is started in."""
 
 Pairs = dict[str, Any]
+
+
+def write_predictions(run: Path, out: Path) -> dict[str, int]:
+    """Draw what the run in a folder recovered, of every view that is scored, and write it below ``out``.
+
+    FOLDER/VIEW.exr, linear, premultiplied, with the coverage as alpha, in the folders of :mod:`ia_bench.methods.images`; novel
+    lights show the aligned albedo. Returns the number of pictures by folder. Raises InputError for a run that has not finished, has
+    left no textures, or is of another scene than the one that is there.
+    """
+    found = Recovered(run)
+    scene = found.read_scene()
+    if not (run / "albedo.exr").is_file():
+        raise InputError(f"{run}: expected a run with textures (albedo.exr), found none: its pictures are not kept")
+    make_writable(out, "--pictures")
+    scorer = Scorer(scene, found.config.protocol, torch.device("cpu"))
+    drawn = scorer.pictures(found.reconstruction(Stage(scene.expect_mesh(), torch.device("cpu"))))
+    folders: dict[str, Images | None] = {name: getattr(drawn, name) for name in ("albedo", "roughness", "view_synthesis")}
+    folders |= {f"relighting/{light}": images for light, images in (drawn.relighting or {}).items()}
+    written: dict[str, int] = {}
+    for folder, images in folders.items():
+        for (name, _), image, alpha in zip(held_out(scene)[folder], images.images, images.coverage, strict=True) if images else ():
+            colours = np.broadcast_to(image if image.ndim == 3 else image[..., None], (*alpha.shape, 3))
+            write_exr(out / folder / f"{name}.exr", np.dstack([colours, alpha]), half=False)
+            written[folder] = written.get(folder, 0) + 1
+    return written
 
 
 def write_submission(folders: Sequence[Path], out: Path, *, data: str = DATA, begin: Begin = unseen) -> Path:
@@ -83,8 +110,11 @@ def _capture(run: Recovered, out: Path, photographs: str, truth: str, capture: s
         return f"{photographs}/{place}/test/{view.name.rpartition('_')[2]}.exr"
 
     lit = [(view, (drawn.relighting or {}).get(view.light)) for view in scene.novel if view.light != "train"]
-    shape = out / "mesh.obj"
-    _write_obj(shape, stage.mesh)
+    shape, mesh = out / "mesh.obj", stage.mesh
+    shape.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(shape) as partial, partial.open("w") as obj:
+        np.savetxt(obj, mesh.vertices, "v %.7g %.7g %.7g")
+        np.savetxt(obj, mesh.faces + 1, "f %d %d %d")
     return {
         "view": [pair(f"view/{v.name}.exr", drawn.view_synthesis, n, photograph(capture, v)) for n, v in enumerate(seen)],
         "light": [pair(f"light/{v.name}.exr", images, 0, photograph(v.light.rpartition("_")[0], v)) for v, images in lit],
@@ -104,33 +134,20 @@ def _capture(run: Recovered, out: Path, photographs: str, truth: str, capture: s
 
 
 def _geometry(stage: Stage, view: View, out: Path, truth: str) -> Pairs:
-    """Write the normals and depths of the mesh as a view sees them."""
-    normal, depth = seen_geometry(stage, view.camera)
-    return {
-        "output_depth": _write(out / "depth" / f"{view.name}.exr", depth),
-        "target_depth": f"{truth}/z_depth/{view.name}.npy",
-        "output_normal": _write(out / "normal" / f"{view.name}.exr", normal),
-        "target_normal": f"{truth}/surface_normal/{view.name}.npy",
-    }
-
-
-def seen_geometry(stage: Stage, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals (H, W, 3) in the frame of the camera and depths (H, W) along its axis, 0 where it sees no mesh."""
-    gbuffer = stage.gbuffer([camera], 1)
+    """Write unit normals (H, W, 3) in the frame of the camera and depths (H, W) along its axis, 0 where it sees no mesh."""
+    camera, gbuffer = view.camera, stage.gbuffer([view.camera], 1)
     points = stage.surface(gbuffer.face[:, 0], gbuffer.barycentric[:, 0], gbuffer.seen_from())
     normal, position = (gbuffer.images(values)[0].cpu().numpy().astype(np.float64) for values in (points.normal, points.position))
     there = gbuffer.coverage()[0].cpu().numpy() > 0
     depth = np.where(there, (camera.position - position) @ camera.to_world[:3, 2], 0)
-    return normal @ camera.to_world[:3, :3], depth
+    return {
+        "output_depth": _write(out / "depth" / f"{view.name}.exr", depth),
+        "target_depth": f"{truth}/z_depth/{view.name}.npy",
+        "output_normal": _write(out / "normal" / f"{view.name}.exr", normal @ camera.to_world[:3, :3]),
+        "target_normal": f"{truth}/surface_normal/{view.name}.npy",
+    }
 
 
 def _write(path: Path, image: np.ndarray) -> str:
     write_exr(path, image.astype(np.float32), half=False)
     return str(path)
-
-
-def _write_obj(path: Path, mesh: Mesh) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as partial, partial.open("w") as file:
-        np.savetxt(file, mesh.vertices, "v %.7g %.7g %.7g")
-        np.savetxt(file, mesh.faces + 1, "f %d %d %d")
