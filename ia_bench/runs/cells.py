@@ -10,8 +10,10 @@ import re
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import cache, lru_cache
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -22,7 +24,7 @@ from ia_bench.common.files import read_json
 from ia_bench.common.ranges import Name
 from ia_bench.common.registry import BrokenPlugin
 from ia_bench.common.settings import parsed_file
-from ia_bench.runs.composition import compose, written_out
+from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.folder import find_run_folders, held_since, recorded_at
 from ia_bench.runs.identity import hash_of, identity
@@ -61,16 +63,11 @@ class TableRequest:
         table = load_table(self.table)
         if self.rows is not None:
             table = some_rows(table, self.rows)
-        for override in self.overrides:
-            for row in table.crossed_rows:
-                if _key_of(override) in map(_key_of, row.overrides):
-                    raise InputError(f"{override}: expected a setting that no row has of its own, found it in row '{row.name}'")
+        for row in table.crossed_rows:
+            own = [text.partition("=")[0].lstrip("+~") for text in row.overrides]
+            if both := [text for text in self.overrides if text.partition("=")[0].lstrip("+~") in own]:
+                raise InputError(f"{both[0]}: expected a setting that no row has of its own, found it in row '{row.name}'")
         return table
-
-
-def _key_of(override: str) -> str:
-    """Which setting it is of, in Hydra's grammar, its short name written out."""
-    return written_out([override])[0].partition("=")[0].lstrip("+~")
 
 
 @dataclass(frozen=True)
@@ -110,29 +107,23 @@ def make_cells(
     The request's seeds replace the table's. A row whose prior or method cannot be used has no cell: ``broken`` is told why, once.
     Raises InputError where there is no cell, or one twice, and for such a row where nobody is told.
     """
-    seeds, rows = table.seeds if request.seeds is None else request.seeds, table.crossed_rows
-    scenes = table.entries(request.scenes)
+    seeds, scenes = table.seeds if request.seeds is None else request.seeds, table.entries(request.scenes)
 
     def overrides_of(row: Row, scene: SceneEntry, seed: int) -> list[str]:
         own = (*scene.overrides, f"seed={seed}", f"threads={threads}", f"row={quoted(row.name)}")
         return [*row.overrides, *own, *request.overrides]
 
-    @cache
-    def composed(place: int, scene: int) -> RunConfig:
-        """A cell of any seed: composing takes long, and nothing of a configuration depends on its seed."""
-        return compose(overrides_of(rows[place], scenes[scene], 0), here=request.launcher.here)
-
     cells = []
-    for place, row in enumerate(rows):
-        try:
-            for seed in seeds:
-                for number, scene in enumerate(scenes):
-                    config = replace(composed(place, number), seed=seed)
-                    content = identity(config)
-                    name = f"{slug(row.name)}-seed{seed}-{hash_of(content)[:8]}"
-                    folder = str(results / "runs" / slug(config.scene.name) / name)
-                    command = (*overrides_of(row, scene, seed), f"out={quoted(folder)}")
-                    cells.append(Cell(row, replace(config, out=folder, command=command), content))
+    for row in table.crossed_rows:
+        try:  # composing takes long, and nothing of a configuration depends on its seed
+            composed = [compose(overrides_of(row, scene, 0), here=request.launcher.here) for scene in scenes]
+            for seed, (scene, any_seed) in product(seeds, zip(scenes, composed, strict=True)):
+                config = replace(any_seed, seed=seed)
+                content = identity(config)
+                name = f"{slug(row.name)}-seed{seed}-{hash_of(content)[:8]}"
+                folder = str(results / "runs" / slug(config.scene.name) / name)
+                command = (*overrides_of(row, scene, seed), f"out={quoted(folder)}")
+                cells.append(Cell(row, replace(config, out=folder, command=command), content))
         except BrokenPlugin as error:
             if broken is None:
                 raise
@@ -171,12 +162,12 @@ def write_cells(results: Path, table: str, jobs: int | None, cells: Sequence[Cel
     """Write down the cells of a table that is about to run in the folder ``results``."""
     listed = []
     for cell in cells:
-        places = (cell.folder.relative_to(results), cell.log(results / "logs").relative_to(results))
-        listed.append(asdict(Planned(cell.row.name, cell.config.scene.name, cell.config.seed, cell.config_hash, *places)))
+        labels = {"row": cell.row.name, "scene": cell.config.scene.name, "seed": cell.config.seed, "config_hash": cell.config_hash}
+        places = {"folder": cell.folder, "log": cell.log(results / "logs")}
+        listed.append({**labels, **{name: place.relative_to(results).as_posix() for name, place in places.items()}})
     results.mkdir(parents=True, exist_ok=True)
     with whole_file(results / CELLS) as partial:
-        content = {"table": table, "jobs": jobs, "cells": listed}
-        partial.write_text(json.dumps(content, indent=1, default=Path.as_posix), encoding="utf-8")
+        partial.write_text(json.dumps({"table": table, "jobs": jobs, "cells": listed}, indent=1), encoding="utf-8")
 
 
 def read_cells(results: Path) -> CellList | None:
@@ -269,15 +260,18 @@ def look(results: Path) -> Overview:
 
 def _stands(cell: Planned, started: float) -> CellStatus:
     written, began = recorded_at(cell.folder), held_since(cell.folder)
-    record = _record(cell.folder, written)
     if began is not None:
-        return CellStatus(cell, RUNNING, max(0.0, time.time() - began), _last_progress(cell.log))
-    if record is None or record.config_hash != cell.config_hash:
-        return CellStatus(cell, WAITING)
-    if record.status == "ok":
-        return CellStatus(cell, FINISHED, record.time_s.get("total"), written=written)
-    if written / 1e9 >= started:  # a failure of before will be tried again
-        return CellStatus(cell, FAILED, says=record.error, written=written)
+        said = ""
+        with suppress(OSError), cell.log.open("rb") as file:
+            file.seek(max(0, cell.log.stat().st_size - TAIL_BYTES))
+            said = "".join(PROGRESS.findall(file.read().decode(errors="replace"))[-1:]).strip()
+        return CellStatus(cell, RUNNING, max(0.0, time.time() - began), said)
+    record = _record(cell.folder, written)
+    if record is not None and record.config_hash == cell.config_hash:
+        if record.status == "ok":
+            return CellStatus(cell, FINISHED, record.time_s.get("total"), written=written)
+        if written / 1e9 >= started:  # a failure of before will be tried again
+            return CellStatus(cell, FAILED, says=record.error, written=written)
     return CellStatus(cell, WAITING)
 
 
@@ -288,13 +282,3 @@ def _record(folder: Path, written: int) -> RunRecord | None:
         return RunRecord.read(folder) if written else None
     except (InputError, FileNotFoundError):
         return None
-
-
-def _last_progress(log: Path) -> str:
-    try:
-        with log.open("rb") as file:
-            file.seek(max(0, log.stat().st_size - TAIL_BYTES))
-            found: list[str] = PROGRESS.findall(file.read().decode(errors="replace"))
-    except OSError:
-        return ""
-    return found[-1].strip() if found else ""

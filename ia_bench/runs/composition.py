@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import MISSING, asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,6 @@ from typing import Any
 from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import QuotedString
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
@@ -30,19 +27,13 @@ from ia_bench.scores.protocol import Protocol
 OPTIONS = ("fit.", "method.options.", "prior.options.", "coupling.options.", "reader.options.")
 """What begins the names of settings that belong to a plugin."""
 
-LONGEST_FILE_NAME = 250  # bytes, .yaml left out
-
 
 def register(overrides: Sequence[str]) -> None:
     """Tell Hydra the settings of a run, with their defaults, and every plugin that has no YAML file of its own.
 
     Plugins are the installed ones and those that ``overrides`` spell out (``prior=module:Class``). Types and ranges are checked
-    once all is composed (:func:`ia_bench.runs.config.resolved`). Raises InputError for a group that is set to nothing.
+    once all is composed (:func:`ia_bench.runs.config.resolved`).
     """
-    for override, _, value in (text.partition("=") for text in overrides):
-        key = override.lstrip("+~").partition("@")[0]
-        if (conf_folder() / key).is_dir() and not _is_name(value):
-            raise InputError(unknown(key, value, sorted(path.stem for path in (conf_folder() / key).glob("*.yaml"))))
     store = ConfigStore.instance()
     defaults: dict[str, Any] = {f.name: f.default for f in fields(RunConfig) if f.default is not MISSING and f.name != "command"}
     defaults |= {"capture": asdict(CaptureSettings()), "protocol": asdict(Protocol()), "render": asdict(RenderSettings())}
@@ -56,28 +47,14 @@ def register(overrides: Sequence[str]) -> None:
             store.store(group=kind, name=plugin.name, node=OmegaConf.create({"name": plugin.name, "target": plugin.target}))
 
 
-def _is_name(value: str) -> bool:
-    """Whether a value in Hydra's grammar may name a file: numbers, truth values, tables, nothing and 5000 letters do not."""
-    if len(value.encode(errors="replace")) > LONGEST_FILE_NAME:
-        return False
-    with suppress(HydraException):  # what cannot be read is told when all is composed
-        found = OverridesParser.create().parse_override(f"x={value}").value()
-        return isinstance(found, str | QuotedString | list) or "," in value
-    return True
-
-
-def written_out(overrides: Sequence[str]) -> list[str]:
-    """``overrides`` with options marked as keys that no file needs to have."""
-    return [f"++{text}" if text.startswith(OPTIONS) else text for text in overrides]
-
-
 def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
     """The resolved configuration of ``ia-bench run <overrides>``. Raises InputError for what it cannot mean.
 
     ``here``: see :func:`ia_bench.runs.config.resolved`.
     """
     given, keys = tuple(overrides), {text.partition("=")[0] for text in overrides}
-    overrides = written_out(overrides)
+    overrides = [f"++{text}" if text.startswith(OPTIONS) else text for text in overrides]  # keys that no file needs to have
+    overrides = [re.sub(r"^(\+?\w+)=(\w+)$", _group_by_name, text) for text in overrides]
     if "scene.path" in keys and "scene.name" not in keys:
         overrides.append("scene.name=''")  # which is then what its reader calls it
     register(overrides)
@@ -88,6 +65,12 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
         return replace(resolved({str(key): value for key, value in content.items()}, here), command=given)
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(explain(error)) from error
+
+
+def _group_by_name(setting: re.Match[str]) -> str:
+    """``GROUP=VALUE`` with a text as the value: a number or null names no file, which Hydra then says in its own words."""
+    group, value = setting.groups()
+    return f"{group}='{value}'" if (conf_folder() / group.lstrip("+")).is_dir() else setting[0]
 
 
 def explain(error: Exception) -> str:

@@ -1,8 +1,8 @@
 """The pictures by which a run is scored, as ``method=images`` reads them, or as the evaluation of Stanford-ORB takes them.
 
-That is scripts/test.py of its repository: OUT.json, ``{"info": {CAPTURE: {"view", "light", "geometry", "material", "shape"}}}``, pairs files below OUT/CAPTURE with files of
-the dataset. Pictures are linear OpenEXR of SIDE x SIDE pixels with three channels, divided by their coverage; normals are in the
-frame of the camera, as the dataset's are, and depths along its axis.
+That is scripts/test.py of its repository, for which OUT.json, ``{"info": {CAPTURE: {"view", "light", "geometry", "material",
+"shape"}}}``, pairs files below OUT/CAPTURE with files of the dataset. Pictures are linear OpenEXR of SIDE x SIDE pixels with three
+channels, divided by their coverage; normals are in the frame of the camera, as the dataset's are, and depths along its axis.
 """
 
 from __future__ import annotations
