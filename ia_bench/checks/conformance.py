@@ -54,7 +54,7 @@ def check_prior(make: Callable[[], Any], stack: Stack) -> Iterator[Finding]:
             findings = list(guarded(title, "no exception", partial(rule, subject)))
             yield from findings
             failed = any(finding.status == "fail" for finding in findings)
-            if rule is _plain_sample and (failed or not subject.components):
+            if title == "a sample" and (failed or not subject.components):
                 yield Finding("skip", "everything else", "", "it needs a sound sample" if failed else "the prior provides nothing")
                 return
 
@@ -105,10 +105,6 @@ class Subject:
 # ---- one sample ------------------------------------------------------------------------------------------------------
 
 
-def _plain_sample(subject: Subject) -> Iterator[Finding]:
-    return _sound(subject, subject.base, subject.stack)
-
-
 def _sound(subject: Subject, samples: Samples, stack: Stack) -> Iterator[Finding]:
     """Whether ``samples`` may pass the border that they meet in a run, and hold what images can hold."""
     expected = f"{', '.join(subject.components) or 'nothing'}: finite float32 tensors on the CPU, without gradient"
@@ -151,12 +147,10 @@ def _other_images(subject: Subject) -> Iterator[Finding]:
 
 
 def _repeatable(subject: Subject) -> Iterator[Finding]:
-    base, other = subject.base, subject.ask(subject.stack, seed=1)
-    largest = {name: _largest(base.values[name], other.values[name]) for name in subject.components}
-    stochastic = subject.info.stochastic
+    base, stochastic = subject.base, subject.info.stochastic
+    largest = _difference(base, subject.ask(subject.stack, seed=1))
     expected = f"{'another' if stochastic else 'the same'} sample, because stochastic = {stochastic}"
-    text = ", ".join(f"{name} differs by at most {value:.3g}" for name, value in largest.items())
-    yield judge(any(value > 0 for value in largest.values()) == stochastic, "another seed", expected, text)
+    yield judge((largest > 0) == stochastic, "another seed", expected, f"a difference of up to {largest:.3g}")
     yield _same("same seed again", base, subject.ask(subject.stack))
     yield _same("same seed, new instance", base, subject.ask(subject.stack, prior=subject.make()))
 
@@ -177,12 +171,12 @@ def _beside_others(what: str, alone: Images, together: Samples) -> Finding:
 
 
 def _same(what: str, base: Samples, again: Samples) -> Finding:
-    largest = max(_largest(value, again.values[name]) for name, value in base.values.items())
+    largest = _difference(base, again)
     return judge(largest == 0, what, "the same sample to the bit", f"a difference of up to {largest:.3g}" if largest else "")
 
 
-def _largest(a: Tensor, b: Tensor) -> float:
-    return float((a - b).abs().max())
+def _difference(base: Samples, again: Samples) -> float:
+    return max(float((value - again.values[name]).abs().max()) for name, value in base.values.items())
 
 
 # ---- guidance, and what a prior may offer besides ----------------------------------------------------------------------
@@ -283,25 +277,19 @@ def _refuses(subject: Subject) -> Iterator[Finding]:
         yield judge(clear, what, "a ValueError or TypeError that says what is wrong", found)
 
 
-def _marked(subject: Subject) -> Iterator[Finding]:
+def _kept(subject: Subject) -> Iterator[Finding]:
+    """What has been so all the while: inputs as they were, costs counted, a fingerprint."""
     if hasattr(subject.prior, "fingerprint"):
         value = subject.prior.fingerprint
         yield judge(isinstance(value, str) and bool(value), "fingerprint", "a text", f"{value!r:.300}")
-
-
-def _untouched(subject: Subject) -> Iterator[Finding]:
     yield judge(not subject.modified, "inputs", "nothing modified", ", ".join(sorted(subject.modified)))
-
-
-def _counted(subject: Subject) -> Iterator[Finding]:
     if subject.forwards:
         calls = subject.network_calls
         yield judge(calls > 0, "cost: network_calls", "some, because the prior asks a network", f"{calls} in all samples")
 
 
 RULES: tuple[tuple[str, Callable[[Subject], Iterator[Finding]]], ...] = (
-    ("a sample", _plain_sample),
-    ("fingerprint", _marked),
+    ("a sample", lambda subject: _sound(subject, subject.base, subject.stack)),
     ("other images", _other_images),
     ("seeds", _repeatable),
     ("an image on its own", _independent),
@@ -309,8 +297,7 @@ RULES: tuple[tuple[str, Callable[[Subject], Iterator[Finding]]], ...] = (
     ("distillation", _distilled),
     ("refinement", _refined),
     ("wrong input", _refuses),
-    ("inputs", _untouched),
-    ("cost: network_calls", _counted),
     ("geometry", _with_geometry),
+    ("inputs", _kept),
 )
-"""Every rule after the declared members, in order; the first name stands for the rule where it raises."""
+"""Every rule after the declared members, in order, by the name that stands for it where it raises."""

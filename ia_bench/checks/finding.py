@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Literal
+
+import numpy as np
 
 from ia_bench.common.errors import raised
 
@@ -32,3 +34,20 @@ def guarded(what: str, expected: str, rule: Callable[[], Iterator[Finding]]) -> 
         yield from rule()
     except (Exception, SystemExit) as error:
         yield Finding("fail", what, expected, raised(error))
+
+
+def difference(one: object, two: object, where: str = "scene") -> str | None:
+    """Where two scenes differ first, None if they are equal."""
+    if isinstance(one, np.ndarray) and isinstance(two, np.ndarray):
+        return None if one.dtype == two.dtype and np.array_equal(one, two) else where
+    if type(one) is not type(two):
+        return where
+    if is_dataclass(one):
+        pairs = [(f"{where}.{field.name}", getattr(one, field.name), getattr(two, field.name)) for field in fields(one)]
+    elif isinstance(one, dict) and isinstance(two, dict):
+        pairs = [(f"{where}[{key!r}]", one.get(key), two.get(key)) for key in {**one, **two}]
+    elif isinstance(one, tuple) and isinstance(two, tuple) and len(one) == len(two):
+        pairs = [(f"{where}[{i}]", *pair) for i, pair in enumerate(zip(one, two, strict=True))]
+    else:
+        return None if one == two else where
+    return next((found for name, a, b in pairs if (found := difference(a, b, name)) is not None), None)

@@ -12,6 +12,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 import torch
 from scipy.ndimage import maximum_filter
 
-from ia_bench.checks.finding import Finding, guarded, judge
+from ia_bench.checks.finding import Finding, difference, guarded, judge
 from ia_bench.common.errors import raised
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.methods.contract import Monitor, Problem
@@ -86,7 +87,7 @@ def check_method(make: Callable[[], Any], make_problem: Callable[[Scene], Proble
     presets = ", ".join(method.presets) or "none"
     yield Finding("pass", what, expected, f"presets {presets}; predicts {', '.join(sorted(method.info.predicts))}")
     problem, started = make_problem(scene), time.perf_counter()
-    before = _digest(problem.scene)
+    before = deepcopy(problem.scene)
 
     def fit(scene: Scene, memory: Memory) -> Reconstruction:
         problem, name = make_problem(scene), type(method).__qualname__
@@ -100,17 +101,13 @@ def check_method(make: Callable[[], Any], make_problem: Callable[[Scene], Proble
         return
     found, seconds = result.reconstruction, time.perf_counter() - started
     yield Finding("pass", "a fit", "", f"{seconds:.1f} s, of {result.steps} steps")
-    same = _digest(problem.scene) == before
+    same = difference(problem.scene, before) is None
     yield judge(same, "the scene", "nothing modified", "" if same else "images, masks, cameras or mesh modified")
     cameras = [view.camera for view in (scene.test or scene.novel or scene.train)[:VIEWS]]
-    rules: dict[str, Callable[[], Iterator[Finding]]] = {
-        "what it predicts": lambda: _predicted(method.info, found, cameras),
-        "the same seed again": lambda: _repeated(fit, problem, scene, found, cameras),
-        KILLED: lambda: _resumed(fit, scene, found, cameras),
-        "scores": lambda: _scored(method.info, found, scene),
-    }
-    for title, rule in rules.items():
-        yield from guarded(title, "no exception", rule)
+    yield from guarded("what it predicts", "no exception", lambda: _predicted(method.info, found, cameras))
+    yield from guarded("the same seed again", "no exception", lambda: _repeated(fit, problem, scene, found, cameras))
+    yield from guarded(KILLED, "no exception", lambda: _resumed(fit, scene, found, cameras))
+    yield from guarded("scores", "no exception", lambda: _scored(method.info, found, scene))
 
 
 def with_other_truth(scene: Scene) -> Scene:
@@ -220,9 +217,3 @@ def _scored(info: MethodInfo, found: Reconstruction, scene: Scene) -> Iterator[F
         values = {f"{part} {metric}": value for part in COMPONENTS.get(name, (name,)) for metric, value in metrics[part].items()}
         text = ", ".join(f"{metric} {'undefined' if value is None else f'{value:.3g}'}" for metric, value in values.items())
         yield judge(None not in values.values(), f"score of {name}", "numbers", text)
-
-
-def _digest(scene: Scene) -> list[bytes]:
-    arrays = [array for view in scene.train for array in (view.image, view.mask, view.valid, view.camera.to_world)]
-    mesh = () if scene.mesh is None else vars(scene.mesh).values()
-    return [array.tobytes() for array in (*arrays, *mesh) if array is not None]

@@ -7,11 +7,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
-from ia_bench.runs.decomposition import check_numbers, decompose_with, make_prior, reduced, write_decomposition
+from ia_bench.runs.decomposition import decompose_with, make_prior, reduced, write_decomposition
 from ia_bench.scenes.photograph import read_photograph
 
 
@@ -25,11 +26,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("decomposed"), help="folder for the results (default: decomposed)")
     parser.add_argument("--prior", default="diffusion", help="a prior's name or module:Class (default: diffusion)")
     parser.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="an option of the prior, e.g. steps=20")
-    parser.add_argument("--samples", type=int, default=8, help="samples whose mean and spread are written (default: 8)")
-    parser.add_argument("--size", type=int, default=512, help="reduce larger images to this many pixels (default: 512)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the samples (default: 0)")
+    parser.add_argument("--samples", type=at_least(1), default=8, help="samples whose mean and spread are written (default: 8)")
+    parser.add_argument("--size", type=at_least(8), default=512, help="reduce larger images to this many pixels (default: 512)")
+    parser.add_argument("--seed", type=at_least(0), default=0, help="seed of the samples (default: 0)")
     wanted = parser.parse_args(arguments)
-    check_numbers("--", samples=wanted.samples, size=wanted.size, seed=wanted.seed)
     if wanted.mask is not None and len(wanted.images) > 1:
         raise InputError(f"--mask: expected one image with it, found {len(wanted.images)}")
     stems = [path.stem for path in wanted.images]
@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise InputError(f"expected images of different names, found {stems.count(twice)} called {twice}: give them one by one")
     # all mistakes come before any work
     read = [read_photograph(path, wanted.mask, notice=lambda text: say(text, sys.stdout)) for path in wanted.images]
-    maker = make_prior(wanted.prior, wanted.option)
+    maker = make_prior(wanted.prior, {}, [f"prior.options.{text}" for text in wanted.option])
     make_writable(wanted.out, "--out")
     for path, (radiance, coverage) in zip(wanted.images, read, strict=True):
         if bool((coverage == 1).all()):

@@ -41,23 +41,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--views", metavar="VIEW", help=seen)
     steps = f"pictures of a whole turn of the light, or of the object (default: 1, of .gif and .mp4 {STEPS})"
     parser.add_argument("--turn", type=at_least(1), metavar="N", help=steps)
-    parser.add_argument("--seconds", type=float, default=3.0, help="that an animation lasts (default: 3)")
+    parser.add_argument("--seconds", type=_seconds, default=3.0, help="that an animation lasts (default: 3)")
     parser.add_argument("--size", type=at_least(16), default=512, help="height of a picture in pixels (default: 512)")
     parser.add_argument("--samples", type=at_least(2), default=128, help="directions of light a pixel (default: 128)")
     behind = "transparent, light or white (default: transparent; of .gif and .mp4 light)"
     parser.add_argument("--background", choices=("transparent", "light", "white"), metavar="WHAT", help=behind)
-    parser.add_argument("--exposure", default="auto", metavar="EV", help="a number; auto: nearly all of the object below white")
+    parser.add_argument(
+        "--exposure", type=_exposure, default=None, metavar="EV", help="a number; auto: nearly all of the object below white"
+    )
     parser.add_argument("--scene", type=Path, help="folder of the run's scene, if it is no longer where the run found it")
     parser.add_argument("--up", choices=("y", "z"), default="y", help="the axis of an asset's file that points up (default: y)")
     parser.add_argument("--threads", type=at_least(1), default=len(os.sched_getaffinity(0)), help="CPU threads (default: all)")
     wanted = parser.parse_args(arguments)
-    ev = _exposure(wanted.exposure)
-    if not (math.isfinite(wanted.seconds) and wanted.seconds > 0):
-        raise InputError(f"--seconds: expected more than 0, found {wanted.seconds:g}")
     moving = wanted.out.suffix in (".gif", ".mp4")
     turn = wanted.turn or (STEPS if moving and wanted.views != "test" else 1)
     background: Background = wanted.background or ("light" if moving else "transparent")
     limit_threads(wanted.threads)
+    import numpy as np
     import torch
 
     from ia_bench.render.reconstruction import Quality
@@ -84,10 +84,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         task = progress.task("pictures", len(frames) * len(lights))
         quality = Quality(points=3, samples=wanted.samples)
         drawn = [
-            relighting.draw(found, light, frames, background=background, ev=ev, quality=quality, advance=task.advance)
+            relighting.draw(found, light, frames, background=background, ev=wanted.exposure, quality=quality, advance=task.advance)
             for light in lights
         ]
-    relighting.write_pictures(wanted.out, relighting.laid_out(drawn), seconds=wanted.seconds)
+    side_by_side = [np.concatenate(row, 1) for row in zip(*(one.pictures for one in drawn), strict=True)]
+    relighting.write_pictures(wanted.out, side_by_side, seconds=wanted.seconds)
     for path, one in zip(wanted.light, drawn, strict=True):
         say(f"{path}: exposure {one.exposure:+.2f} EV", sys.stdout)
     say(str(wanted.out), sys.stdout)
@@ -95,13 +96,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _exposure(text: str) -> float | None:
-    """The EV, None for auto. Raises InputError."""
-    if text == "auto":
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= 64:
-        raise InputError(f"--exposure: expected auto or a number from -64 to 64, found {text}")
-    return value
+    """The EV, None for auto."""
+    if text != "auto" and not abs(float(text)) <= 64:
+        raise argparse.ArgumentTypeError(f"expected auto or a number from -64 to 64, found {text}")
+    return None if text == "auto" else float(text)
+
+
+def _seconds(text: str) -> float:
+    if not 0 < float(text) < math.inf:
+        raise argparse.ArgumentTypeError(f"expected more than 0, found {text}")
+    return float(text)

@@ -32,37 +32,40 @@ from ia_bench.runs.table import refuse_own
 
 OWN = ("table", "rows", "scenes", "seeds", "jobs", "launcher")
 """What the command line says of the table itself; all else goes to every cell."""
+SETTINGS = tuple(field.name for field in fields(RunConfig) if field.name != "command")
 DIGITS = 18  # of a seed or of jobs: below 2^63
 
 
 def parse(arguments: Sequence[str]) -> TableRequest:
     """Tell the table's own arguments from overrides. Raises InputError for a value that is no name or number."""
-    own: dict[str, Any] = {}
+    own: dict[str, str] = {}
     overrides, launcher = [], []
     for argument in arguments:
         key, separator, value = argument.partition("=")
         if not separator:
             raise InputError(f"expected SETTING=VALUE, found '{argument}'; --help says more")
-        if key in ("table", "rows"):
-            own[key] = value
-        elif key == "scenes":
-            own[key] = tuple(value.split(","))
-        elif key == "seeds":
-            own[key] = tuple(_whole(key, number, 0, "whole numbers with commas between") for number in value.split(","))
-        elif key == "launcher" or key.startswith("launcher."):
+        first = key.lstrip("+~").split(".")[0]
+        if key.startswith("launcher."):
             launcher.append(argument)
-        elif key == "jobs":
-            own[key] = None if value == "auto" else _whole(key, value, 1, "a whole number")
-        else:
-            refuse_own(argument, "hydra")
-            first = key.lstrip("+~").split(".")[0]
-            if first not in (known := (*OWN, *(field.name for field in fields(RunConfig) if field.name != "command"))):
-                raise InputError(unknown("setting", first, sorted(known)))
+        elif key in OWN:
+            own[key] = value
+        elif first in SETTINGS:
+            refuse_own(argument)
             overrides.append(argument)
-    own["launcher"] = _launcher(launcher)
-    if getattr(own["launcher"], "gpus", 0) and not any(text.startswith("device=") for text in overrides):
+        else:
+            raise InputError(unknown("setting", first, sorted((*OWN, *SETTINGS))))
+    found: dict[str, Any] = {key: own[key] for key in ("table", "rows") if key in own}
+    if "scenes" in own:
+        found["scenes"] = tuple(own["scenes"].split(","))
+    if "seeds" in own:
+        numbers = own["seeds"].split(",")
+        found["seeds"] = tuple(_whole("seeds", number, 0, "whole numbers with commas between") for number in numbers)
+    if own.get("jobs", "auto") != "auto":
+        found["jobs"] = _whole("jobs", own["jobs"], 1, "a whole number")
+    found["launcher"] = _launcher(own.get("launcher", "local"), launcher)
+    if getattr(found["launcher"], "gpus", 0) and not any(text.startswith("device=") for text in overrides):
         overrides.append("device=cuda")
-    return TableRequest(**own, overrides=tuple(overrides))
+    return TableRequest(**found, overrides=tuple(overrides))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -104,15 +107,13 @@ def make_table(request: TableRequest) -> int:
     return FAULT if wrong else OK
 
 
-def _launcher(arguments: Sequence[str]) -> Local:
+def _launcher(name: str, arguments: Sequence[str]) -> Local:
     """The launcher that ``launcher=NAME`` and ``launcher.SETTING=VALUE`` mean."""
-    chosen = [text.partition("=")[2] for text in arguments if text.startswith("launcher=")]
-    name = chosen[-1] if chosen else "local"
     if name not in LAUNCHERS:
         raise InputError(unknown("launcher", name, list(LAUNCHERS)))
     kind = LAUNCHERS[name]
     holder: Any = make_dataclass("Arguments", [("launcher", kind, field(default_factory=kind))])
-    launcher: Local = read_arguments(holder, [text for text in arguments if not text.startswith("launcher=")]).launcher
+    launcher: Local = read_arguments(holder, arguments).launcher
     if kind.extra is not None and find_spec(kind.extra) is None:
         install = f"pip install 'ia_bench[{kind.extra}]', or -e '.[{kind.extra}]' in the checkout"
         raise InputError(f"launcher={name} needs an extra: {install}")

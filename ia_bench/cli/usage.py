@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from textwrap import fill
 
@@ -49,48 +50,36 @@ IA_BENCH_DEBUG=1 shows every traceback.
 
 
 def usage() -> str:
-    """The help text, with names of built-in and installed choices. Nothing is imported; ``ia-bench check`` tells broken ones."""
-    return TEXT.format(choices="".join(f"{_names(group)}\n" for group in GROUPS))
+    """The help text, with names of built-in and installed choices. Nothing is imported."""
+    lines = []
+    for group in GROUPS:
+        label = group if group == "regulariser" else f"{group}="  # which is no setting of its own
+        lines.append(fill(" ".join(_choices(group)), 116, initial_indent=f"  {label:<14}", subsequent_indent=" " * 16) + "\n")
+    return TEXT.format(choices="".join(lines))
 
 
 def choices() -> str:
     """Every group, and every name in it with its line of description."""
-    return "\n".join(_described(group, line) for group, line in GROUPS.items())
-
-
-def _names(group: str) -> str:
-    label = group if group == "regulariser" else f"{group}="  # which is no setting of its own
-    return fill(" ".join(_choices(group)), 116, initial_indent=f"  {label:<14}", subsequent_indent=" " * 16)
+    lines = []
+    for group, line in GROUPS.items():
+        lines.append(f"{group + '=':<20}{line}")
+        for name, about in _choices(group).items():
+            lines.append(fill(f"{name:<17} {about}", 118, initial_indent=" " * 2, subsequent_indent=" " * 20))
+        lines.append("")
+    return "\n".join(lines)
 
 
 def _choices(group: str) -> dict[str, str]:
-    """Name -> what it is."""
-    found = {path.stem: _description(path) for path in sorted((conf_folder() / group).glob("*.yaml"))}
-    kind = next((kind for kind in registry.KINDS if kind == group), None)
-    if kind is not None:
-        found |= {name: f"from {plugin.distribution}" for name, plugin in registry.installed(kind).items()}
+    """Name -> what it is: the first comment of its YAML file that is no command, or whose plug-in it is."""
+    found, roots = {}, list[Path]()
+    with suppress(InputError):  # where no scene is at all
+        roots = scenes_folders()
+    for path in sorted((conf_folder() / group).glob("*.yaml")):
+        comments = (line.removeprefix("# ") for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("# "))
+        about = next((line for line in comments if not line.startswith("ia-bench ")), "")
+        here = group != "scene" or any((root / path.stem).is_dir() for root in roots)
+        found[path.stem] = about if here else f"(not here) {about}"
+    for kind in registry.KINDS:
+        if kind == group:
+            found |= {name: f"from {plugin.distribution}" for name, plugin in registry.installed(kind).items()}
     return found
-
-
-def _described(group: str, line: str) -> str:
-    found = _choices(group)
-    if group == "scene":
-        found |= {name: f"(not here) {text}" for name, text in found.items() if name not in _scenes_here()}
-    lines = [
-        fill(f"{name:<17} {description}", 118, initial_indent=" " * 2, subsequent_indent=" " * 20) + "\n"
-        for name, description in found.items()
-    ]
-    return f"{group + '=':<20}{line}\n" + "".join(lines)
-
-
-def _scenes_here() -> set[str]:
-    try:
-        return {folder.name for root in scenes_folders() for folder in root.iterdir()}
-    except (InputError, OSError):
-        return set()
-
-
-def _description(path: Path) -> str:
-    """The first comment of a YAML file that is no command."""
-    comments = (line.removeprefix("# ") for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("# "))
-    return next((line for line in comments if not line.startswith(("ia-bench ", "python -m "))), "")

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.runs.composition import compose
@@ -31,7 +30,6 @@ SPREAD_GAIN = 4.0
 EXPOSED_QUANTILE = 0.99
 """This share of an HDR image's pixels fits below white on the sheet."""
 SHEET = 200  # pixels of width for each picture of a sheet
-LEAST = {"samples": 1, "size": 8, "seed": 0}
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,9 @@ def decompose(
     ``options``. ``samples``: at least 1. ``size``: a picture whose longer side has more pixels is reduced to that many, at
     least 8. ``seed``: at least 0. Raises InputError.
     """
-    check_numbers("", samples=samples, size=size, seed=seed)
+    for name, value, least in (("samples", samples, 1), ("size", size, 8), ("seed", seed, 0)):
+        if value < least:
+            raise InputError(f"{name}: expected at least {least}, found {value}")
     maker = make_prior(prior, options or {})
     radiance, coverage = read_photograph(Path(image), None if mask is None else Path(mask))
     return decompose_with(maker, *reduced(radiance, coverage, size), samples=samples, seed=seed)
@@ -77,35 +77,31 @@ def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[P
 
     Only the PNG of a spread is brightened, by SPREAD_GAIN.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     exposure = float(min(1.0, 1 / max(np.quantile(parts.image.max(-1), EXPOSED_QUANTILE), 1e-12)))  # of what would clip
-    written, shown = [], [("image", _shown(parts.image, parts.mask, exposure))]
+    pictures = {"image": _shown(parts.image, parts.mask, exposure)}
+    written = []
     for component, mean in parts.mean.items():
         gain = 1.0 if component == "albedo" else exposure
-        kinds = [(component, mean, gain, component)]
-        if parts.samples > 1:
-            more = f"{component} {SPREAD_GAIN:g} x spread"
-            kinds.append((f"{component}_spread", parts.spread[component], SPREAD_GAIN * gain, more))
-        for part, values, brightness, caption in kinds:
-            shown.append((caption, _shown(values, parts.mask, brightness)))
+        kinds = [(component, mean, gain), (f"{component}_spread", parts.spread[component], SPREAD_GAIN * gain)]
+        for part, values, brightness in kinds if parts.samples > 1 else kinds[:1]:
+            pictures[part] = _shown(values, parts.mask, brightness)
             write_exr(folder / f"{name}_{part}.exr", np.dstack([values, parts.mask]), half=False)
-            _save(shown[-1][1], folder / f"{name}_{part}.png")
+            pictures[part].save(folder / f"{name}_{part}.png")
             written += [folder / f"{name}_{part}.exr", folder / f"{name}_{part}.png"]
-    _save(labelled([shown], width=len(shown) * SHEET), folder / f"{name}_sheet.png")
+    captions = {part: part.replace("_spread", f" {SPREAD_GAIN:g} x spread") for part in pictures}
+    labelled([[(captions[part], picture) for part, picture in pictures.items()]], width=len(pictures) * SHEET).save(
+        folder / f"{name}_sheet.png"
+    )
     return [*written, folder / f"{name}_sheet.png"]
 
 
-def make_prior(name: str, options: Mapping[str, Any] | Sequence[str]) -> Any:  # noqa: ANN401 (any prior)
-    """The prior called ``name``, with options as a mapping or as KEY=VALUE texts. Raises InputError for one of no use here."""
+def make_prior(name: str, options: Mapping[str, Any], overrides: Sequence[str] = ()) -> Any:  # noqa: ANN401 (any prior)
+    """The prior called ``name``, with ``options`` over what ``overrides`` set. Raises InputError for one of no use here."""
     from ia_bench.common import registry  # brings in torch
     from ia_bench.priors.validation import check_prior_info
 
-    texts, values = ([], options) if isinstance(options, Mapping) else (list(options), {})
-    for text in texts:
-        if "=" not in text:
-            raise InputError(f"--option: expected KEY=VALUE, found {text!r}")
-    config = compose([f"prior={name}", *(f"prior.options.{text}" for text in texts)]).prior
-    given = {key: str(value) if isinstance(value, Path) else value for key, value in values.items()}
+    config = compose([f"prior={name}", *overrides]).prior
+    given = {key: str(value) if isinstance(value, Path) else value for key, value in options.items()}
     prior = registry.create("prior", config.name, config.target, {**config.options, **given})
     check_prior_info(prior)
     if prior.info.sees_truth:
@@ -113,13 +109,6 @@ def make_prior(name: str, options: Mapping[str, Any] | Sequence[str]) -> Any:  #
     if not prior.info.provides:
         raise InputError(f"--prior: {name} provides nothing to decompose an image into")
     return prior
-
-
-def check_numbers(prefix: str, **values: int) -> None:
-    """Raise InputError for a number below the one in LEAST; the message puts ``prefix`` before its name."""
-    for name, least in LEAST.items():
-        if values[name] < least:
-            raise InputError(f"{prefix}{name}: expected at least {least}, found {values[name]}")
 
 
 def decompose_with(
@@ -173,8 +162,3 @@ def reduced(radiance: np.ndarray, coverage: np.ndarray, size: int) -> tuple[np.n
 def _shown(linear: np.ndarray, mask: np.ndarray, exposure: float) -> Image.Image:
     """A picture in sRGB with straight alpha, of premultiplied linear values."""
     return Image.fromarray(np.round(255 * np.dstack([display(linear, mask, exposure), mask])).astype(np.uint8))
-
-
-def _save(picture: Image.Image, path: Path) -> None:
-    with whole_file(path) as partial:
-        picture.save(partial)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -90,7 +90,8 @@ def of_asset(path: Path, device: torch.device, note: Callable[[str], None], up: 
     stage = Stage(assets.mesh, device)
     found = TexturedReconstruction.of(assets, stage)
     try:
-        found.render([_around(assets.mesh, 0.0, 2)], light=_grey(device), albedo_scale=None, quality=Quality(1, 2))
+        grey = LatLongEnvironment(torch.ones(2, 4, 3, device=device))
+        found.render([_around(assets.mesh, 0.0, 2)], light=grey, albedo_scale=None, quality=Quality(1, 2))
     except InputError as error:
         note(f"without light from the object onto itself: {error}")
         return TexturedReconstruction(stage, found.material, None, bounces=0)
@@ -150,11 +151,6 @@ def draw(
     gain = exposure([image for image, _ in radiance], [mask for _, mask in radiance]) if ev is None else 2.0**ev
     shown = [_shown(*one, frame, light, background, gain) for one, frame in zip(radiance, frames, strict=True)]
     return Drawn(shown, math.log2(gain))
-
-
-def laid_out(drawn: Sequence[Drawn]) -> list[np.ndarray]:
-    """The pictures of every frame with all lights side by side, (H, sum of W, 4)."""
-    return [np.concatenate(row, 1) for row in zip(*(one.pictures for one in drawn), strict=True)]
 
 
 def write_pictures(path: Path, pictures: Sequence[np.ndarray], *, seconds: float) -> None:
@@ -252,22 +248,14 @@ def _sized(camera: Camera, size: int) -> Camera:
     return replace(camera, focal=focal, centre=centre, width=width, height=size)
 
 
-def _grey(device: torch.device) -> LatLongEnvironment:
-    return LatLongEnvironment(torch.ones(2, 4, 3, device=device))
-
-
 def _encode(path: Path, pictures: Sequence[np.ndarray], rate: float) -> None:
     """Hand pictures (H, W, 4) to the encoder; H.264 has even sides, so that a last row or column is left out."""
     height, width = (side // 2 * 2 for side in pictures[0].shape[:2])
-
-    def rows() -> Iterator[bytes]:
-        for picture in pictures:
-            yield np.ascontiguousarray(picture[:height, :width, :3]).tobytes()
-
+    content = b"".join(picture[:height, :width, :3].tobytes() for picture in pictures)
     given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate:g}", "-i", "-"]
     with whole_file(path) as partial:
         command = [ENCODER, "-y", "-loglevel", "error", *given, "-pix_fmt", "yuv420p", "-crf", "18", str(partial)]
-        done = subprocess.run(command, input=b"".join(rows()), capture_output=True, check=False)
+        done = subprocess.run(command, input=content, capture_output=True, check=False)
         if done.returncode != 0:
             said = first_line(RuntimeError(done.stderr.decode(errors="replace")))
             raise Fault(f"{path}: {ENCODER} ended with status {done.returncode}: {said}")

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ia_bench.checks.readers import check_reader, difference
+from ia_bench.checks.finding import difference
+from ia_bench.checks.readers import check_reader
 from ia_bench.cli.check import main
 from ia_bench.common.errors import InputError
 from ia_bench.readers.contract import check_scene, unscored

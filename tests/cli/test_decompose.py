@@ -87,8 +87,7 @@ def test_large_pictures_are_reduced_in_linear_light(tmp_path, weights):
         (["--prior", "difusion"], "did you mean 'prior=diffusion'|did you mean 'diffusion'"),
         (["--prior", "oracle"], "needs ground truth"),
         (["--prior", "none"], "provides nothing"),
-        (["--option", "steps"], "expected KEY=VALUE"),
-        (["--samples", "0"], "--samples: expected at least 1"),
+        (["--option", "steps"], "cannot read 'prior.options.steps'"),
     ],
 )
 def test_mistakes_end_in_one_line(tmp_path, picture, capsys, extra, message):

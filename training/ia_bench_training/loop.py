@@ -204,7 +204,7 @@ class _Training:
 
             folder, kind = self.settings.out / "judged", self.settings.network.kind
             save_network(folder, self.network, {})
-            prior = make_prior(kind, [f"weights={folder}"])
+            prior = make_prior(kind, {"weights": folder})
             for examples in self.scenes:
                 scored = score(prior, examples, samples=1, seed=self.settings.seed)
                 for name in ("grey", "one"):

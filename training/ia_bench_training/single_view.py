@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _score(wanted: argparse.Namespace) -> int:
-    priors = {name: make_prior(name, wanted.option) for name in wanted.prior}
+    priors = {name: make_prior(name, {}, [f"prior.options.{text}" for text in wanted.option]) for name in wanted.prior}
     geometry = any(not prior.info.wants.isdisjoint({"normals", "visibility"}) for prior in priors.values())
     loaded = [load_examples(name, wanted.limit, geometry=geometry) for name in wanted.examples]
     header = ["prior", "images", *COLUMNS.values()]
