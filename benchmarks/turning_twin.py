@@ -21,7 +21,7 @@ from ia_bench.capture.turntable import turning_light
 from ia_bench.common.paths import scenes_folders
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.readers.native import NativeReader
-from ia_bench.readers.writers.native import write_native
+from ia_bench.readers.writers.frames import write_native
 from ia_bench.render.reconstruction import Assets, Quality, TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene, View

@@ -142,6 +142,17 @@ def read_rgbe(path: Path) -> np.ndarray:
     return (rows[..., :3] * scale[..., None]).astype(np.float32)
 
 
+def rgbe(radiance: np.ndarray) -> bytes:
+    """The file of a picture (H, W, 3), cut to 8 bits of each channel, in plain rows."""
+    brightest = radiance.max(-1)
+    _, exponents = np.frexp(brightest)  # brightest = f 2^e with f in [.5, 1)
+    scale = np.where(brightest > 0, np.ldexp(256.0, -exponents), 0.0)
+    texels = np.zeros((*brightest.shape, 4), np.uint8)
+    texels[..., :3] = np.floor(radiance * scale[..., None]).clip(0, 255)
+    texels[..., 3] = np.where(brightest > 0, exponents + 128, 0).clip(0, 255)
+    return b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % brightest.shape + texels.tobytes()
+
+
 def _row(content: bytes, place: int, row: np.ndarray) -> int:
     """Fill one ``row`` (W, 4) from ``place`` on and return where the next one begins."""
     width = len(row)

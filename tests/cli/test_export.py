@@ -16,12 +16,12 @@ from ia_bench.common.errors import InputError
 from ia_bench.readers.contract import unscored
 from ia_bench.readers.writers.calibrated import positions, write_colmap, write_dtu, write_llff
 from ia_bench.readers.writers.formats import FORMATS, exposed, exposure
-from ia_bench.readers.writers.frames import write_blender, write_nerfstudio
-from ia_bench.readers.writers.native import write_native
-from ia_bench.readers.writers.parts import mixed, save_hdr
+from ia_bench.readers.writers.frames import write_blender, write_native, write_nerfstudio
+from ia_bench.readers.writers.parts import mixed
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.runs.composition import compose
 from ia_bench.runs.scene import read_scene
+from ia_bench.scenes.exr import rgbe
 from ia_bench.scenes.scene import Scene, View
 
 
@@ -162,6 +162,6 @@ def test_positions_lie_on_their_rays_as_deep_as_the_renderer_had_them(tiny: Scen
     assert np.median(np.abs(depth - view.depth[covered])) < 0.01  # which is a mean over the pixel
 
 
-def test_a_radiance_picture_by_its_own_formula(tmp_path: Path) -> None:
-    save_hdr(tmp_path / "it.hdr", np.array([[[1.0, 0.5, 0.25], [300, 2, 0]]]))
-    assert (tmp_path / "it.hdr").read_bytes().endswith(b"-Y 1 +X 2\n" + struct.pack("8B", 128, 64, 32, 129, 150, 1, 0, 137))
+def test_a_radiance_picture_by_its_own_formula() -> None:
+    picture = rgbe(np.array([[[1.0, 0.5, 0.25], [300, 2, 0]]]))
+    assert picture.endswith(b"-Y 1 +X 2\n" + struct.pack("8B", 128, 64, 32, 129, 150, 1, 0, 137))

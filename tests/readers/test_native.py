@@ -18,7 +18,7 @@ from ia_bench.checks.readers import difference
 from ia_bench.common.errors import InputError
 from ia_bench.readers.contract import check_scene
 from ia_bench.readers.native import NativeReader
-from ia_bench.readers.writers.native import write_native
+from ia_bench.readers.writers.frames import write_native
 from ia_bench.scenes.exr import read_exr, write_exr
 from ia_bench.scenes.scene import Scene, View
 

@@ -9,7 +9,7 @@ import pytest
 from layouts import TRAIN_LIGHT, scene_to_write
 
 from ia_bench.common.errors import InputError
-from ia_bench.readers.writers.view_folders import write_nerfactor
+from ia_bench.readers.writers.frames import write_nerfactor
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import hash_of, identity, setup

@@ -7,10 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ia_bench.readers.writers.calibrated import write_colmap, write_dtu, write_llff, write_neilf
-from ia_bench.readers.writers.frames import write_blender, write_nerfstudio, write_stanford_orb, write_synthetic4relight
-from ia_bench.readers.writers.native import write_native
+from ia_bench.readers.writers.frames import (
+    write_blender,
+    write_native,
+    write_nerfactor,
+    write_nerfstudio,
+    write_stanford_orb,
+    write_synthetic4relight,
+    write_tensoir,
+)
 from ia_bench.readers.writers.parts import Write
-from ia_bench.readers.writers.view_folders import write_nerfactor, write_tensoir
 from ia_bench.scenes.scene import Scene, View
 
 UNCLIPPED = 0.98  # of the object's training pixels, which 8 bits hold

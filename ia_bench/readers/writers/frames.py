@@ -1,4 +1,8 @@
-"""Writers of formats with NeRF's transforms.json: nerfstudio, Blender-NeRF, Synthetic4Relight, and Stanford-ORB."""
+"""Writers of formats with NeRF's cameras.
+
+transforms.json holds our own scenes, nerfstudio's, Blender-NeRF's, Synthetic4Relight and Stanford-ORB; NeRFactor's synthetic scenes
+and TensoIR-Synthetic have a folder for each view.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +19,7 @@ from ia_bench.readers.writers.parts import (
     angle_x,
     encoded,
     expect_central,
+    flat,
     held_out,
     own_light,
     save_exr,
@@ -26,9 +31,15 @@ from ia_bench.readers.writers.parts import (
     save_truth,
     unit_normals,
 )
+from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.images import straight
-from ia_bench.scenes.scene import Camera, Scene, View
+from ia_bench.scenes.scene import Camera, Mesh, Scene, View
 
+KNOWN = ("albedo", "roughness", "specular", "normal", "depth")
+VERTEX = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz", "u", "v"))
+TRIANGLE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
+STRENGTH = 3.0  # what NeRFactor multiplies the map of the training light by
 MAP_HEIGHT = 128  # rows, at most, of the map that each photograph of Stanford-ORB has
 
 
@@ -46,6 +57,51 @@ def lens_of(camera: Camera) -> dict[str, float]:
 def save_frames(path: Path, views: Sequence[View], frames: list[dict[str, Any]]) -> None:
     """Write the file of a split whose views have one field of view."""
     save_json(path, {"camera_angle_x": angle_x(views[0].camera), "frames": frames} if views else {"frames": []})
+
+
+def write_native(folder: Path, scene: Scene) -> Options:
+    """OpenEXR of whole floats; textures in 8 bits, where they belong to the mesh that is written."""
+    for split in ("train", "test", "novel"):
+        frames, views = [], getattr(scene, split)
+        unique = len({(view.light, flat(view.name)) for view in views}) == len(views)
+        for number, view in enumerate(views):
+            name = flat(view.name) if unique else f"{number:04}"
+            name = name if view.light == "train" else f"{view.light}/{name}"
+            write_exr(folder / f"images/{split}/{name}.exr", np.dstack([view.image, view.mask]), half=False)
+            more = dict[str, Any](light=view.light)
+            for kind in KNOWN:
+                values = getattr(view, kind)
+                if values is not None:
+                    more[f"{kind}_path"] = f"truth/{split}/{kind}/{name}.exr"
+                    write_exr(folder / more[f"{kind}_path"], values, half=False)
+            frames.append(frame_of(view, f"images/{split}/{name}.exr", **lens_of(view.camera), **more))
+        if frames:
+            save_json(folder / f"transforms_{split}.json", {"frames": frames})
+    lights, textures = dict[str, str](), dict[str, str]()
+    if scene.truth is not None:
+        for name, radiance in scene.truth.lights.items():
+            lights[name] = f"lights/{name}.exr"
+            save_exr(folder / lights[name], radiance)
+        for name in ("albedo", "roughness"):
+            texture = getattr(scene.truth, name)
+            if texture is not None and scene.truth.mesh is None:
+                textures[name] = f"truth/{name}.png"
+                save_png(folder / textures[name], linear_to_srgb(texture.clip(0, 1)) if name == "albedo" else texture)
+    if scene.mesh is not None:
+        _save_ply(folder / "mesh.ply", scene.mesh)
+    about = {"schema": 1, "name": scene.name, "up": "z", "color_space": "linear_rec709", "metallic": scene.metallic}
+    save_json(folder / "scene.json", {**about, "lights": lights, "truth_textures": textures})
+    return {}
+
+
+def _save_ply(path: Path, mesh: Mesh) -> None:
+    counts = len(mesh.vertices), len(mesh.faces)
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {counts[0]}\n{VERTEX}"
+    head += f"element face {counts[1]}\nproperty list uchar int vertex_indices\nend_header\n"
+    faces = np.zeros(counts[1], TRIANGLE)
+    faces["count"], faces["corners"] = 3, mesh.faces
+    vertices = np.concatenate([mesh.vertices, mesh.normals, mesh.uv], 1).astype("<f4")
+    path.write_bytes(head.encode() + vertices.tobytes() + faces.tobytes())
 
 
 def write_nerfstudio(folder: Path, scene: Scene) -> Options:
@@ -154,3 +210,48 @@ def seen_around(camera: Camera, radiance: np.ndarray) -> np.ndarray:
     found = LatLongEnvironment(torch.from_numpy(radiance)).radiance(directions).numpy()
     mean: np.ndarray = found.reshape(height, block, 2 * height, block, 3).mean((1, 3))
     return mean
+
+
+# ---------------------------------------------------------------- a folder a view
+def write_tensoir(folder: Path, scene: Scene) -> Options:
+    """Folders train_NNN and test_NNN; the training light's photographs are called by it and the angle that it is turned by."""
+    own, others = own_light(scene, "sunset"), held_out(scene)
+    expect_central("tensoir", [*scene.train, *(camera.view for camera in others)])
+    for number, view in enumerate(scene.train):
+        _save_view(folder / f"train_{number:03}", view, f"rgba_{own}_000.png", envmap=f"{own}.hdr")
+    for number, camera in enumerate(others):
+        place = folder / f"test_{number:03}"
+        _save_view(place, camera.view, f"rgba_{own}_000.png", envmap=f"{own}.hdr")
+        for relit in camera.relit:
+            save_photo(place / f"rgba_{relit.light}.png", relit)
+    save_obj(folder / "mesh.obj", scene)
+    return {"light": own, **save_lights(folder, scene, own)}
+
+
+def write_nerfactor(folder: Path, scene: Scene) -> Options:
+    """Folders train_NNN, val_NNN (half of the held-out ones) and test_NNN; the training light is three times its map."""
+    own, others = own_light(scene, "sunset"), held_out(scene)
+    expect_central("nerfactor", [*scene.train, *(camera.view for camera in others)])
+    light = {"envmap": f"{own}.hdr", "envmap_inten": STRENGTH}
+    for number, view in enumerate(scene.train):
+        _save_view(folder / f"train_{number:03}", view, "rgba.png", **light)
+    half = len(others) // 2
+    for number, camera in enumerate(others):
+        place = folder / (f"val_{number:03}" if number < half else f"test_{number - half:03}")
+        _save_view(place, camera.view, "rgba.png", **light)
+        for relit in camera.relit:
+            save_photo(place / f"rgba_{relit.light}.png", relit)
+    save_obj(folder / "mesh.obj", scene)
+    return save_lights(folder, scene, own, strength=STRENGTH)
+
+
+def _save_view(folder: Path, view: View, photo: str, **light: Any) -> None:  # noqa: ANN401 (JSON)
+    camera = view.camera
+    matrix = ",".join(repr(float(value)) for value in camera.to_world.ravel())
+    size = {"imw": camera.width, "imh": camera.height}
+    save_json(folder / "metadata.json", {"cam_transform_mat": matrix, "cam_angle_x": angle_x(camera), **size, **light})
+    save_photo(folder / photo, view)
+    save_truth(folder / "albedo.png", view.albedo, view.mask)
+    normal = unit_normals(view)
+    if normal is not None:
+        save_png(folder / "normal.png", 0.5 * normal + 0.5, view.mask)

@@ -16,7 +16,7 @@ from PIL import Image
 
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.color import linear_to_srgb
-from ia_bench.scenes.exr import write_exr
+from ia_bench.scenes.exr import rgbe, write_exr
 from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import OPENCV_AXES, Camera, Mesh, Scene, View
 
@@ -172,16 +172,6 @@ def unit_normals(view: View) -> np.ndarray | None:
     return view.normal / np.maximum(np.linalg.norm(view.normal, axis=-1, keepdims=True), 1e-9)
 
 
-def save_hdr(path: Path, radiance: np.ndarray) -> None:
-    """Write a Radiance picture, (r, g, b) 2^(136 - e) cut to 8 bits of each, in plain rows."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    _, exponent = np.frexp(radiance.max(-1))
-    mantissa = np.floor(radiance * np.exp2(8.0 - exponent)[..., None]).clip(0, 255)
-    pixels = np.concatenate([mantissa, (exponent + 128)[..., None]], -1).clip(0, 255).astype(np.uint8)
-    height, width = radiance.shape[:2]
-    path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % (height, width) + pixels.tobytes())
-
-
 def save_lights(folder: Path, scene: Scene, own: str, suffix: str = ".hdr", strength: float = 1.0) -> Options:
     """Write the environment maps LIGHT.hdr or .exr below ``folder``, the training light's, called ``own``, over ``strength``.
 
@@ -190,7 +180,12 @@ def save_lights(folder: Path, scene: Scene, own: str, suffix: str = ".hdr", stre
     maps = scene.truth.lights if scene.truth is not None else {}
     for name, radiance in maps.items():
         values = radiance / strength if name == "train" else radiance
-        (save_hdr if suffix == ".hdr" else save_exr)(folder / LIGHTS / f"{own if name == 'train' else name}{suffix}", values)
+        path = folder / LIGHTS / f"{own if name == 'train' else name}{suffix}"
+        if suffix == ".exr":
+            save_exr(path, values)
+        else:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(rgbe(values))
     return {"lights": str(folder / LIGHTS)} if maps else {}
 
 

@@ -28,6 +28,7 @@ from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.pictures.drawing import TURNS, VERSION, Pictures, SceneRenderer
 from ia_bench.runs.pictures.preview import PREVIEW, preview
 from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.exr import rgbe
 from ia_bench.scenes.scene import Mesh, Scene
 from ia_bench.scores.comparison import Predictions
 
@@ -116,19 +117,8 @@ def textures(albedo: np.ndarray, roughness: np.ndarray) -> dict[str, str]:
 
 
 def light(environment: LatLongEnvironment) -> str:
-    """A light as a Radiance HDR picture in base 64. Viewers of glTF lay maps out as we do; their y is our z.
-
-    A texel is m 2^(e - 136) with bytes m of each channel and one e (RGBE): G. Ward, "Real Pixels", Graphics Gems II (1991).
-    """
-    image = environment.latlong(LIGHT_ROWS).numpy()
-    brightest = image.max(-1)
-    _, exponents = np.frexp(brightest)  # brightest = f 2^e with f in [.5, 1)
-    scale = np.where(brightest > 0, np.ldexp(256.0, -exponents), 0.0)
-    texels = np.zeros((*brightest.shape, 4), np.uint8)
-    texels[..., :3] = np.floor(image * scale[..., None]).clip(0, 255)
-    texels[..., 3] = np.where(brightest > 0, exponents + 128, 0).clip(0, 255)
-    header = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {} +X {}\n".format(*brightest.shape)
-    return base64.b64encode(header.encode() + texels.tobytes()).decode()
+    """A light as a Radiance HDR picture in base 64. Viewers of glTF lay maps out as we do; their y is our z."""
+    return base64.b64encode(rgbe(environment.latlong(LIGHT_ROWS).numpy())).decode()
 
 
 def _texture(shown: np.ndarray) -> str:
