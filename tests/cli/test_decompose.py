@@ -53,16 +53,6 @@ def test_the_command_writes_every_part_of_a_photograph(tmp_path, weights, pictur
     np.testing.assert_allclose(srgb_to_linear(shown[..., :3])[inside], linear[..., :3][inside], atol=0.006)
 
 
-def test_from_python_in_three_lines(tmp_path, weights, picture):
-    Image.fromarray(picture).save(tmp_path / "disc.png")
-    parts = decompose(tmp_path / "disc.png", options={"weights": weights, "steps": 2}, samples=3)
-    assert parts.samples == 3
-    assert parts.network_calls == 6
-    assert parts.spread["albedo"].max() > 0
-    assert parts.mean["specular"].shape == (24, 30, 3)
-    assert bool((parts.mean["albedo"][parts.mask == 0] == 0).all())
-
-
 def test_results_that_cannot_be_written_are_said_before_sampling(tmp_path, weights, picture, capsys):
     Image.fromarray(picture).save(tmp_path / "disc.png")
     (tmp_path / "out").touch()

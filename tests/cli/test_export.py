@@ -16,7 +16,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.readers.contract import unscored
 from ia_bench.readers.writers.calibrated import positions, write_colmap, write_dtu, write_llff
 from ia_bench.readers.writers.formats import FORMATS, exposed, exposure
-from ia_bench.readers.writers.frames import write_blender, write_native, write_nerfstudio
+from ia_bench.readers.writers.frames import write_blender, write_native
 from ia_bench.readers.writers.parts import mixed
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.runs.composition import compose
@@ -137,20 +137,6 @@ def test_pycolmap_reads_the_model(tiny: Scene, tmp_path: Path) -> None:
     image, point = model.images[3], model.points3D[17].xyz
     column, row, _ = photos[2].camera.project(point[None])
     np.testing.assert_allclose(model.cameras[1].img_from_cam(image.cam_from_world() * point), [column[0], row[0]], atol=1e-4)
-
-
-def test_nerfstudio_reads_its_own_layout(tiny: Scene, tmp_path: Path) -> None:
-    """Its dataparser finds the training photographs, their masks, and cameras as ours; it wants nerfstudio beside the package."""
-    parsers = pytest.importorskip("nerfstudio.data.dataparsers.nerfstudio_dataparser", reason="needs nerfstudio")
-    write_nerfstudio(tmp_path, tiny)
-    as_it_stands = {"orientation_method": "none", "center_method": "none", "auto_scale_poses": False, "downscale_factor": 1}
-    parser = parsers.NerfstudioDataParserConfig(data=tmp_path, load_3D_points=False, **as_it_stands).setup()
-    found = parser.get_dataparser_outputs("train")
-    cameras, views = found.cameras, tiny.train
-    assert len(found.image_filenames) == len(found.mask_filenames) == len(views)
-    np.testing.assert_allclose(cameras.camera_to_worlds, [view.camera.to_world[:3] for view in views], atol=1e-5)
-    np.testing.assert_allclose(cameras.fx[:, 0], [view.camera.focal[0] for view in views], atol=1e-4)
-    np.testing.assert_allclose(cameras.cy[:, 0], [view.camera.centre[1] for view in views], atol=1e-4)
 
 
 def test_positions_lie_on_their_rays_as_deep_as_the_renderer_had_them(tiny: Scene) -> None:

@@ -52,6 +52,7 @@ def test_keys_are_delimited() -> None:
     assert content_key("x", torch.zeros(2)) != content_key("x", torch.zeros(2).int())
     assert content_key("x", np.zeros(2, np.float32)) == content_key("x", torch.zeros(2))
     assert content_key("x", "a").startswith("x-")
+    assert made_on("cpu", "bake") == "bake" != made_on("cuda", "bake")  # as keys were before there were others
 
 
 def test_forgets_what_was_used_longest_ago(tmp_path: Path) -> None:
@@ -141,8 +142,3 @@ def test_where_it_lies(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert cache_folder() == tmp_path / "caches" / "ia_bench"
     monkeypatch.setenv("IA_BENCH_CACHE", "elsewhere")
     assert cache_folder() == Path("elsewhere")
-
-
-def test_what_a_gpu_made_is_not_taken_for_what_the_cpu_makes() -> None:
-    assert made_on("cpu", "bake") == "bake"  # as keys were before there were others
-    assert made_on("cuda", "bake") != "bake"

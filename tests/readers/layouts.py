@@ -22,12 +22,12 @@ from ia_bench.readers.writers.parts import (
     encoded,
     held_out,
     intrinsics,
-    save_hdr,
     save_json,
     save_obj,
     save_png,
     world_to_camera,
 )
+from ia_bench.scenes.exr import rgbe
 from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import OPENCV_AXES, Camera, Scene, Truth, View
 
@@ -167,11 +167,11 @@ def write_objects_with_lighting(folder: Path, scene: Scene) -> Options:
     for number, view in enumerate(scene.train):
         save_owl(folder / "test", "inputs/", number, view)
     (folder / "test" / "inputs" / "exposure.txt").write_text(f"{EXPOSURE}\n")
-    save_hdr(folder / "test" / "env_512_rotated.hdr", blender_map(LIGHTS[TRAIN_LIGHT]))
+    (folder / "test" / "env_512_rotated.hdr").write_bytes(rgbe(blender_map(LIGHTS[TRAIN_LIGHT])))
     for number, view in enumerate(owl_expected(scene).novel):
         save_owl(folder / "test", "gt_", number, view)
         (folder / "test" / f"gt_exposure_{number:04}.txt").write_text(f"{EXPOSURE}\n")
-        save_hdr(folder / "test" / f"gt_env_512_rotated_{number:04}.hdr", blender_map(LIGHTS[NIGHT]))
+        (folder / "test" / f"gt_env_512_rotated_{number:04}.hdr").write_bytes(rgbe(blender_map(LIGHTS[NIGHT])))
     save_obj(folder / "test" / "mesh.obj", scene)
     return {}
 

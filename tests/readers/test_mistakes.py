@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from layouts import LAYOUTS, Layout, scene_to_write
+from layouts import LAYOUTS, Layout
 from PIL import Image
 from test_round_trips import read
 
@@ -23,7 +23,6 @@ from ia_bench.common.errors import InputError
 from ia_bench.readers.writers.parts import Options, save_exr
 from ia_bench.render.agreement import check_agreement
 from ia_bench.scenes.exr import read_exr
-from ia_bench.scenes.scene import Scene
 
 Spoil = Callable[[Path], object]
 Array = np.ndarray
@@ -322,20 +321,10 @@ def said_of(layout: Layout, folder: Path, given: Options) -> str:
 CASES = [(one, mistake) for one in LAYOUTS for mistake in MISTAKES.get(one.id, {})]
 
 
-@pytest.fixture(scope="session")
-def sound(tmp_path_factory: pytest.TempPathFactory, tiny: Scene) -> dict[str, tuple[Path, Options]]:
-    """The scene `tiny` in every format, and the options that read it; read only."""
-    places = {}
-    for layout in LAYOUTS:
-        folder = tmp_path_factory.mktemp(f"sound_{layout.id}") / "tiny"
-        places[layout.id] = folder, layout.write(folder, scene_to_write(tiny))
-    return places
-
-
 @pytest.mark.parametrize(("layout", "mistake"), CASES, ids=[f"{one.id}-{mistake}" for one, mistake in CASES])
-def test_a_typical_mistake_is_told(layout: Layout, mistake: str, sound: dict[str, tuple[Path, Options]], tmp_path: Path) -> None:
+def test_a_typical_mistake_is_told(layout: Layout, mistake: str, written: dict[str, tuple[Path, Options]], tmp_path: Path) -> None:
     spoil, says = MISTAKES[layout.id][mistake]
-    (whole, given), folder = sound[layout.id], tmp_path / "tiny"
+    (whole, given), folder = written[layout.id], tmp_path / "tiny"
     shutil.copytree(whole, folder)
     spoil(folder)
     said = said_of(layout, folder, {**given, **({"lights": str(folder / "lights")} if "lights" in given else {})})
@@ -344,7 +333,7 @@ def test_a_typical_mistake_is_told(layout: Layout, mistake: str, sound: dict[str
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.id)
-def test_nothing_is_said_of_a_sound_folder(layout: Layout, sound: dict[str, tuple[Path, Options]]) -> None:
-    said = said_of(layout, *sound[layout.id])
+def test_nothing_is_said_of_a_sound_folder(layout: Layout, written: dict[str, tuple[Path, Options]]) -> None:
+    said = said_of(layout, *written[layout.id])
     assert "warning" not in said
     assert "expected" not in said

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ia_bench.checks.readers import difference
+from ia_bench.checks.finding import difference
 from ia_bench.common.errors import InputError
 from ia_bench.readers.contract import check_scene
 from ia_bench.readers.native import NativeReader

@@ -28,7 +28,7 @@ from layouts import (
     with_maps,
 )
 
-from ia_bench.checks.readers import difference
+from ia_bench.checks.finding import difference
 from ia_bench.common.registry import create, find
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.readers.base import FolderReader
@@ -55,16 +55,6 @@ def made(layout: Layout, folder: Path, given: Options, **options: object) -> Fol
     target = find("reader", layout.name).target
     reader: FolderReader = create("reader", layout.name, target, {**given, **options}, folder / layout.root)
     return reader
-
-
-@pytest.fixture(scope="session")
-def written(tmp_path_factory: pytest.TempPathFactory, tiny: Scene) -> Written:
-    """The scene `tiny` in every format; read only."""
-    folders = {}
-    for layout in LAYOUTS:
-        folder = tmp_path_factory.mktemp(layout.id) / "tiny"
-        folders[layout.id] = folder, layout.write(folder, scene_to_write(tiny))
-    return folders
 
 
 @pytest.fixture

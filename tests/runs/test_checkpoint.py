@@ -53,8 +53,8 @@ def _flip(place: int):
 
 
 DAMAGE = {
-    **{f"truncated to {kept}": lambda content, kept=kept: content[:kept] for kept in (0, 1, 50, 100, 500, -1)},
-    **{f"flipped at {place}": _flip(place) for place in (3, 40, 90, 700, 1500, 2500, -30)},
+    **{f"truncated to {kept}": lambda content, kept=kept: content[:kept] for kept in (0, 100, -1)},
+    **{f"flipped at {place}": _flip(place) for place in (3, 40, 700, -30)},
     "garbage": lambda content: bytes(range(256)) * 40,
     "of torch alone": lambda content: content[len(checkpoint.MAGIC) + checkpoint.DIGEST :],
     "longer": lambda content: content + b"more",

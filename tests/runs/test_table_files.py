@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.cli.table import parse
 from ia_bench.common.errors import InputError
 from ia_bench.runs import table as module
+from ia_bench.runs.cells import TableRequest, make_cells
 from ia_bench.runs.table import Claim, Row, SceneEntry, Table, load_table, some_rows
 
 BAD_NAMES = ('""', '" "', '"a\\nb"', '"a\\0b"', "a" * 5000)
@@ -22,6 +24,17 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("rowes: []", r"bad\.yaml: .*rowes"),
         ("rows: [{name: a, overrides: []}, {name: a, overrides: []}]", "expected different names, found a, a"),
         ("rows: [{name: a, overrides: []}]\nreference: b", "reference: unknown row 'b'"),
+        (
+            "rows: [{name: a, overrides: []}, {name: ab, overrides: []}]\ncurve: [abc]",
+            "curve: unknown row 'abc'",
+        ),
+        ("captures: [{vews: 8}]", "unknown setting 'captures.vews'; did you mean 'captures.views'"),
+        ("captures: [{views: 0}]", "captures.views: "),
+        (
+            "captures: [{views: 8}, {views: 8}]\nrows: [{name: a, overrides: []}]",
+            "expected different names, found a, 8 views, a",
+        ),
+        ("captures: [{views: 8}]\nrows: [{name: a, overrides: [], captures: [8 vews]}]", "unknown capture '8 vews'"),
         ("includes: [bad]", "includes: expected tables that do not include each other, found bad in bad"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
@@ -113,3 +126,20 @@ def test_a_table_has_the_rows_of_those_that_it_includes(tmp_path: Path, monkeypa
     assert (table.scenes, table.seeds, table.reference) == (["tiny"], [4], "a")
     assert table.photographs == 24
     assert [(claim.better, claim.worse) for claim in table.claims] == [("b", "a")]
+
+
+def test_every_row_is_run_with_every_capture_unless_it_says_with_which(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
+    (tmp_path / "table").mkdir()
+    rows = '[{name: a, overrides: [prior=none]}, {name: b, overrides: [prior=oracle], captures: [""]}]'
+    captures = "[{}, {views: 8, radiometry: ldr}, {faults: {mask_growth: -2}}]"
+    (tmp_path / "table" / "t.yaml").write_text(f"scenes: [hat]\nreference: a\nrows: {rows}\ncaptures: {captures}\n")
+    table = load_table("t")
+    assert [row.name for row in table.crossed_rows] == ["a", "b", "a, 8 views, LDR", "a, mask growth -2.0"]
+    assert table.compared is None, "rows of different captures do not compare"
+    monkeypatch.undo()
+    cells = make_cells(table, TableRequest(overrides=("device=cpu",)), 1, Path("results/t"))
+    capture = {cell.row.name: cell.config.capture for cell in cells}
+    assert (capture["a, 8 views, LDR"].views, capture["a, 8 views, LDR"].radiometry) == (8, "ldr")
+    assert capture["a, mask growth -2.0"].faults.mask_growth == -2
+    assert capture["a"] == capture["b"] == CaptureSettings()

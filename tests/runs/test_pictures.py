@@ -1,4 +1,4 @@
-"""The picture of a run's folder: what is in it, in which order, and how large it is."""
+"""Pictures of runs: how they are exposed, cut out, and laid out in preview.png."""
 
 from __future__ import annotations
 
@@ -6,8 +6,34 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ia_bench.runs.pictures.drawing import Pictures
+from ia_bench.runs.pictures.drawing import CUT_MARGIN, GREY, Pictures, cut_out, exposure, extent, on_grey
 from ia_bench.runs.pictures.preview import GAP, LINE, WIDTH, labelled, preview
+
+
+def test_exposure_shows_all_but_the_brightest_hundredth_of_the_foreground() -> None:
+    images, masks = np.full((1, 20, 20, 3), 0.5, np.float32), np.ones((1, 20, 20), np.float32)
+    images[0, 0, 0], images[0, 10:], masks[0, 10:] = 1e6, 7.0, 0.0
+    assert exposure(images, masks) == pytest.approx(2)
+
+
+def test_one_exposure_serves_images_of_different_sizes() -> None:
+    """199 pixels of 4 and two of 10, in two pictures: the brightest hundredth is left out."""
+    images = [np.full((10, 10, 3), 4.0), np.full((1, 101, 3), 4.0)]
+    images[1][0, :2] = 10.0
+    assert exposure(images, [np.ones(image.shape[:2]) for image in images]) == pytest.approx(1 / 4)
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (3, 5), (12, 8)])
+def test_cut_out_is_the_square_around_the_object_also_at_an_edge(corner: tuple[int, int]) -> None:
+    mask = np.zeros((16, 20), np.float32)
+    mask[corner[0] : corner[0] + 4, corner[1] : corner[1] + 6] = 1
+    side = extent(mask)
+    assert side == 6 + 2 * CUT_MARGIN
+    found = cut_out(on_grey(np.ones((16, 20, 3)), mask), mask, side)
+    expected = np.full((side, side, 3), GREY)
+    expected[CUT_MARGIN + 1 : -CUT_MARGIN - 1, CUT_MARGIN:-CUT_MARGIN] = 1
+    np.testing.assert_array_equal(found, expected)
+
 
 SQUARE, LIGHT = np.full((40, 40, 3), 0.5), np.full((16, 32, 3), 0.5)
 
