@@ -113,17 +113,14 @@ def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None
     plugin = named(kind, name, target)
     if plugin.distribution == BUILT_IN:
         return None
-    hashes = [hash_of_files(root, files) for root, files in _sources(plugin).items() if files]
+    hashes = [hash_of_files(root, files) for root, files in sources(plugin).items() if files]
     return f"{plugin.distribution}, {' '.join(hashes) or 'no file'}"
 
 
-def foreign_files(plugin: Plugin) -> list[Path]:
-    """The files that :func:`foreign_code` hashes, none for a plugin that is built in."""
-    return [] if plugin.distribution == BUILT_IN else [file for files in _sources(plugin).values() for file in files]
-
-
-def _sources(plugin: Plugin) -> dict[Path, list[Path]]:
-    """The files that :func:`foreign_code` hashes, by the folder that each group of them lies in."""
+def sources(plugin: Plugin) -> dict[Path, list[Path]]:
+    """The files that :func:`foreign_code` hashes, by the folder that each group of them lies in; none where it is built in."""
+    if plugin.distribution == BUILT_IN:
+        return {}
     module = plugin.target.partition(":")[0].split(".")
     try:
         found = importlib.util.find_spec(module[0])

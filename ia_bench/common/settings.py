@@ -93,7 +93,13 @@ def check_arguments(factory: Callable[..., Any], options: Mapping[str, Any], key
     fields: dict[str, Any] = {}
     for p in parameters:
         if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY):
-            hint = _listed(hints.get(p.name, Any))
+            hint = hints.get(p.name, Any)
+            if get_origin(hint) is Iterable:
+                hint = list[get_args(hint)[0]]  # type: ignore[misc]  # a type that is only known now
+            try:
+                TypeAdapter(hint).json_schema()
+            except (PydanticUserError, TypeError):  # no type of JSON
+                hint = Any
             optional = hint | None if p.default is None and hint is not Any else hint  # which annotations often leave out
             fields[p.name] = (optional, ... if p.default is p.empty else p.default)
     missing = [name for name, (_, default) in fields.items() if default is ... and name not in options]
@@ -153,17 +159,6 @@ def _expect_writable(content: Any, key: str) -> None:  # noqa: ANN401 (JSON)
         raise InputError(f"{key}: expected a finite number, found {content}")
     elif isinstance(content, str) and not content.isascii() and any("\ud800" <= letter <= "\udfff" for letter in content):
         raise InputError(f"{key}: expected text, found {content!r:.100}, which is none in UTF-8")
-
-
-def _listed(hint: Any) -> Any:  # noqa: ANN401 (whatever a plugin's author put there)
-    """The annotation as pydantic should read it: an iterable is a list, and what is no type of JSON takes everything."""
-    if get_origin(hint) is Iterable:
-        hint = list[get_args(hint)[0]]  # type: ignore[misc]  # a type that is only known now
-    try:
-        TypeAdapter(hint).json_schema()
-    except (PydanticUserError, TypeError):
-        return Any
-    return hint
 
 
 def _sentence(errors: Sequence[ErrorDetails], known: Any, content: Any, key: str) -> str:  # noqa: ANN401 (as _checked)

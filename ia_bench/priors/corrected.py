@@ -78,7 +78,7 @@ class CorrectedPrior(WrappedPrior):
         plugin = registry.find("prior", options.get("of", "diffusion"))
         behind = getattr(registry.load(plugin), "files", None)
         weights = [] if behind is None else behind(options.get("of_options") or {})
-        return [*weights, *registry.foreign_files(plugin)]
+        return [*weights, *(file for files in registry.sources(plugin).values() for file in files)]
 
     def __init__(self, *, of: str = "diffusion", share: UnitInterval = 0.5, of_options: Mapping[str, Any] | None = None) -> None:
         behind: Prior = registry.create("prior", of, registry.find("prior", of).target, of_options or {})

@@ -105,7 +105,15 @@ class RunFolder:
         if not os.path.lexists(path):
             return None
         try:
-            state = unpack(path, self.config_hash)
+            import torch
+
+            content, start = path.read_bytes(), len(MAGIC) + DIGEST
+            if content[:start] != MAGIC + hashlib.sha256(memoryview(content)[start:]).hexdigest().encode():
+                raise ValueError("it is damaged")
+            saved = torch.load(io.BytesIO(content[start:]), map_location="cpu", weights_only=True)
+            if saved["code"] != _code() or saved["config_hash"] != self.config_hash:
+                raise ValueError("another version of the code wrote it, or it belongs to another configuration")
+            state = dict(saved["state"])
         except Exception as error:  # torch.load raises whatever a file leads it to
             self._note(f"{path}: checkpoint ignored, starting over ({first_line(error)})")
             return None
@@ -276,22 +284,6 @@ def pack(state: dict[str, Any], config_hash: str) -> bytes:
     buffer = io.BytesIO()
     torch.save({"code": _code(), "config_hash": config_hash, "state": state}, buffer)
     return MAGIC + hashlib.sha256(buffer.getbuffer()).hexdigest().encode() + buffer.getbuffer()
-
-
-def unpack(path: Path, config_hash: str) -> dict[str, Any]:
-    """The state in a checkpoint file. Raises ValueError for one that is damaged, of another configuration or of other code."""
-    import torch
-
-    content = path.read_bytes()
-    start = len(MAGIC) + DIGEST
-    if content[:start] != MAGIC + hashlib.sha256(memoryview(content)[start:]).hexdigest().encode():
-        raise ValueError("it is damaged")
-    saved = torch.load(io.BytesIO(content[start:]), map_location="cpu", weights_only=True)
-    if saved["code"] != _code():
-        raise ValueError("another version of the code wrote it")
-    if saved["config_hash"] != config_hash:
-        raise ValueError("it belongs to another configuration")
-    return dict(saved["state"])
 
 
 @cache
