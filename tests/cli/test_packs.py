@@ -122,14 +122,6 @@ def test_another_scene_is_found(pack: Path, tmp_path: Path, capsys: pytest.Captu
     assert "expected the files of the run's scene, tiny, found other ones" in told
 
 
-def test_a_renderer_of_its_own_is_not_verified(pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    own = changed("metrics.json", lambda record: record.update(renderer="split sum"))
-    assert main(["verify", spoiled(pack, tmp_path / "a.zip", own, hashed=True)]) == 1
-    assert "seed 0: not scored again; " in (told := capsys.readouterr().out)
-    assert "its own renderer is gone" in told
-    assert "0 verified" in told
-
-
 def test_a_broken_pack_is_one_sentence_and_the_others_go_on(pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "broken.zip").write_bytes(pack.read_bytes()[:-3000])
     shutil.copyfile(pack, tmp_path / "whole.zip")

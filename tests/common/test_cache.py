@@ -67,17 +67,6 @@ def test_forgets_what_was_used_longest_ago(tmp_path: Path) -> None:
     assert [cache.get(key) is not None for key in keys] == [True, False, True]
 
 
-def test_what_a_killed_writer_left_counts_and_goes_first(tmp_path: Path) -> None:
-    half = tmp_path / f".tmp-1-{KEY}.safetensors"
-    half.write_bytes(bytes(900))
-    os.utime(half, (1000, 1000))
-    cache = Cache(tmp_path, limit=1500)
-    for name in "ab":
-        cache.put(content_key("x", name), {"albedo": torch.zeros(100)})
-    assert not half.exists()
-    assert cache.get(content_key("x", "a")) is not None
-
-
 # ---- what may lie in the place of an entry -----------------------------------------------------------------------------
 
 

@@ -110,28 +110,20 @@ def fill(value: float) -> Callable[[np.ndarray], np.ndarray]:
 
 # ---------------------------------------------------------------- the table
 NO_JSON: dict[str, bytes] = {
-    "utf-16": '{"name": "ü"}'.encode("utf-16"),
     "binary": bytes(range(256)),
-    "empty": b"",
     "half": b'{"name": "tin',
     "a list": b"[1]",
     "nested brackets": b"[" * 100_000,
-    "5000 digits": b'{"a": ' + b"9" * 5000 + b"}",
     "beyond a float": b'{"a": ' + b"9" * 400 + b"}",
 }
 NO_PATH: dict[str, Any] = {
     "number": 5,
-    "null": None,
     "5000 characters": "a" * 5000,
     "surrogate": b'"\\ud800"',
-    "zero byte": "images/\0.exr",
     "above": "../../../../../../../../etc/hostname",
-    "absolute": "/etc/hostname",
     "folder": "images",
-    "below a file": "mesh.ply/image.exr",
 }
-INTRINSICS = (("camera_angle_x", 0.0), ("camera_angle_x", 4.0), ("camera_angle_x", "wide"), ("fl_x", -3.0), ("fl_x", None),
-              ("cx", "middle"), ("cx", b"1e999"), ("cy", True), ("w", "32 px"), ("w", 31), ("h", None))  # fmt: skip
+INTRINSICS = (("camera_angle_x", 4.0), ("camera_angle_x", "wide"), ("fl_x", -3.0), ("cx", b"1e999"), ("cy", True), ("w", 31))
 PATHS = {
     "file_path": (TRAIN, "frames", 1, "file_path"),
     "albedo_path": (TRAIN, "frames", 1, "albedo_path"),
@@ -143,21 +135,17 @@ PATHS = {
 def cases() -> Iterator[Case]:
     for name, content in NO_JSON.items():
         yield f"{SCENE}: {name}", write(SCENE, content), SCENE
-    for name in ("utf-16", "binary", "nested brackets", "5000 digits"):
-        yield f"{TRAIN}: {name}", write(TRAIN, NO_JSON[name]), TRAIN
+    yield f"{TRAIN}: half", write(TRAIN, NO_JSON["half"]), TRAIN
     for file in (SCENE, TRAIN, "mesh.ply"):
         yield from ((f"{file}: {kind}", into(file, kind), file) for kind in ("folder", "loop"))
     for key, place in PATHS.items():
-        for name in NO_PATH if key == "file_path" else ("number", "null", "5000 characters", "surrogate", "above", "folder"):
-            yield f"{key}: {name}", edit(*place, value=NO_PATH[name]), f"{place[0]}: .*{key}"
+        for name, value in NO_PATH.items():
+            yield f"{key}: {name}", edit(*place, value=value), f"{place[0]}: .*{key}"
     for kind in ("folder", "loop", "nowhere", "outside"):
         yield f"image: {kind}", into(IMAGE, kind), r"frames\[1\]: file_path: images/train/0001.exr: "
-        yield f"light: {kind}", into(LIGHT, kind), "lights.train: lights/train.exr: "
     for file in (IMAGE, LIGHT, TEXTURE, "mesh.ply"):
-        yield f"{file}: empty", write(file, b""), file
         yield f"{file}: text", write(file, b"ply, or is it?\n" * 99), file
         yield f"{file}: half", cut(file, 0.5), file
-        yield f"{file}: all but the end", cut(file, 0.99), file
     bomb = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\3\0\0\0\3\0\0\x08\2\0\0\0"
     yield "texture: too many pixels", write(TEXTURE, bomb), TEXTURE
     yield "texture: oblong", lambda folder: Image.new("RGB", (20, 7)).save(folder / TEXTURE), "albedo texture: expected"
@@ -178,9 +166,7 @@ def cases() -> Iterator[Case]:
     yield "light: number", edit(NOVEL, "frames", 0, "light", value=5), r"frames\[0\]: light: expected text"
     matrix = (TRAIN, "frames", 1, "transform_matrix")
     yield "matrix: text", edit(*matrix, value="[[1]]"), r"frames\[1\]: transform_matrix"
-    yield "matrix: beyond a float", edit(*matrix, 0, 0, value=b"9" * 310), TRAIN
     yield "matrix: large", edit(*matrix, 0, 0, value=1e300), r"frames\[1\]: transform_matrix"
-    yield "matrix: nested", edit(*matrix, 0, 0, value=b"[" * 500 + b"]" * 500), r"frames\[1\]: transform_matrix"
     matrices = {
         "scaled": lambda m: m * np.array([[1.01, 1.01, 1.01, 1]] * 3 + [[1, 1, 1, 1]]),
         "mirrored": lambda m: m * [-1, 1, 1, 1],
@@ -207,21 +193,12 @@ def cases() -> Iterator[Case]:
         yield f"image: {value}", lossy(IMAGE, (5, 7, 1), value), f"{IMAGE}: 1 pixel.* NaN or Inf, the first at row 5, column 7"
     yield "light: NaN", lossy("lights/night.exr", (0, 0, 0), np.nan), "night.exr: 1 pixel.* NaN"
     yield "image: negative", lossy(IMAGE, (9, 9, 0), -0.25), f"{IMAGE}: expected radiance, found the negative value -0.25"
-    yield (
-        "image: without alpha",
-        change(IMAGE, 4, lambda image: image[..., :3]),
-        f"{IMAGE}: expected channels R, G, B, A",
-    )
+    yield "image: without alpha", change(IMAGE, 4, lambda image: image[..., :3]), f"{IMAGE}: expected channels R, G, B, A"
     yield "image: empty mask", change(IMAGE, 4, fill(0)), "train view 0001: mask: expected a pixel above 0.5, found none"
     yield "image: alpha of 255", change(IMAGE, 4, lambda image: 255 * image), rf"{IMAGE}: alpha: expected values in \[0, 1\].*255"
     yield "image: another size", change(IMAGE, 4, lambda image: image[:, :31]), f"{IMAGE}: expected w = 32, as .* found 31"
     depth = "truth/test/depth/0000.exr"
     yield "truth: another size", change(depth, 1, lambda image: image[:16, :16]), f"{depth}: expected 32 x 32.*found 16 x 16"
-    yield (
-        "image: another format",
-        edit(TRAIN, "frames", 1, "file_path", value=TEXTURE),
-        "expected a linear OpenEXR image",
-    )
 
 
 CASES = list(cases())
@@ -276,23 +253,6 @@ def test_a_wrong_file_is_one_sentence(scene: Path, spoil: Spoil, says: str) -> N
 def test_a_wrong_file_is_one_line_of_a_run(scene: Path, spoil: Spoil, says: str, capfd: pytest.CaptureFixture[str]) -> None:
     spoil(scene)
     assert re.search(says, one_line("scene.path=scene", "out=out", capfd=capfd))
-
-
-@pytest.mark.parametrize(
-    ("path", "says"),
-    [
-        ("'a\nb'", "no such folder"),
-        ("a" * 5000, "no such folder"),
-        ("scene/scene.json", "expected a folder, found a file"),
-        ("loop", "no such folder"),
-        ("'\udcff'", "expected text"),
-        ("''", "expected a folder, found nothing"),
-    ],
-    ids=range(6),
-)
-def test_a_path_that_is_no_scene_is_one_line(scene: Path, path: str, says: str, capfd: pytest.CaptureFixture[str]) -> None:
-    Path("loop").symlink_to("loop")
-    assert re.search(f"scene.path.*: {says}", one_line(f"scene.path={path}", capfd=capfd))
 
 
 @pytest.mark.parametrize("out", ["scene", "scene/out", "scene/../scene/out", "link/out"])

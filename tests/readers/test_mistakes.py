@@ -158,13 +158,11 @@ NORMALS, META = "ground_truth/object_scene001/surface_normal/0001.npy", "train_0
 def view_folders(photo: str) -> Mistakes:
     return {
         "no views": (in_all("train_*", gone), "expected folders train_000, train_001, ... with metadata.json, found none"),
-        "no metadata": (gone(META), r"train_003/metadata\.json: no such file"),
         "no field of view": (edit(META, lambda m: m.pop("cam_angle_x")), "cam_angle_x: expected a finite number, found None"),
         "degrees": (edit(META, lambda m: m.update(cam_angle_x=38.0)), RADIANS),
         "2 numbers": (edit(META, lambda m: m.update(cam_transform_mat="1,2")), "cam_transform_mat: expected 16 numbers"),
         "scaled": (edit(META, metadata(lambda m: m * RESCALED)), r"cam_transform_mat: expected a rotation.*det = 8"),
         "OpenCV axes": (in_all("*/metadata.json", lambda name: edit(name, metadata(other_axes))), AXES),
-        "no photograph": (gone(f"train_003/{photo}"), rf"train_003/{photo}: no such file"),
         "no mask": (picture(f"train_003/{photo}", to=lambda v: v[..., :3]), rf"{photo}: expected a mask in its alpha"),
         "empty mask": (picture(f"train_003/{photo}", to=np.zeros_like), rf"{photo}: the mask has no pixel of an object"),
         "another size": (picture(f"train_003/{photo}", to=smaller), rf"{photo}: expected 32 x 32 pixels.*found 28 x 24"),
@@ -184,7 +182,6 @@ MISTAKES: dict[str, Mistakes] = {
         "focal length in a list": (edit(WHOLE, lambda c: c.update(fl_x=[50.0])), r"fl_x: expected a finite number, found \[50.0\]"),
         "fisheye": (edit(WHOLE, lambda c: c.update(camera_model="FISHEYE")), "camera_model: expected one of.*found 'FISHEYE'"),
         "absurd lens": (edit(WHOLE, lambda c: c.update(k1=-40.0)), "expected the distortion of a lens, found one under which"),
-        "mirrored": (matrix(WHOLE, lambda m: m * [-1, 1, 1, 1]), "transform_matrix: expected a rotation.*det = -1"),
         "OpenCV axes": (matrix(WHOLE, other_axes, every=True), AXES),
         "world-to-camera": (matrix(WHOLE, np.linalg.inv, every=True), f"{AXES}|{MESH}.*world-to-camera"),
         "another scale": (matrix(WHOLE, lambda m: m * FARTHER, every=True), MESH),
@@ -193,7 +190,6 @@ MISTAKES: dict[str, Mistakes] = {
     "blender": {
         "no frame": (edit(TRAIN, lambda c: c.update(frames=[])), "expected at least one training view, found none"),
         "no photograph": (gone("train/r_3.png"), r"frames\[3\]: file_path: \./train/r_3: no such file"),
-        "no field of view": (edit(TRAIN, lambda c: c.pop("camera_angle_x")), "expected camera_angle_x or fl_x, found neither"),
         "another size": (picture("train/r_3.png", to=smaller), "expected 32 x 32 pixels like train/r_0 with"),
     },
     "tensoir": view_folders("rgba_sunset_000.png"),
@@ -205,8 +201,6 @@ MISTAKES: dict[str, Mistakes] = {
             lambda at: [gone("transforms_test.json")(at), (at / "transforms_test.json").mkdir()],
             "transforms_test.json: expected a file, found a folder",
         ),
-        "no photograph": (gone("train/003_rgb.exr"), r"frames\[3\]: file_path: ./train/003_rgb.exr: no such file"),
-        "OpenCV axes": (matrix(TRAIN, other_axes, every=True), AXES),
         "relit in another size": (picture("test_rli/city_001.png", to=smaller), "city_001.png: expected 32 x 32 pixels"),
         "no maps": (gone("lights"), "no such folder"),
         "no such map": (gone("lights/night.exr"), "no environment map of night"),
@@ -223,7 +217,6 @@ MISTAKES: dict[str, Mistakes] = {
     "colmap": {
         "no model": (gone("sparse"), "expected a sparse model"),
         "broken model": (text(f"{SPARSE}/cameras.txt", "1 NOTHING 32 32 5\n"), "expected a sparse model of COLMAP, found"),
-        "no photograph": (gone("images/0004.png"), "images/0004.png: no such file"),
         "another size": (
             picture("images/0004.png", "masks/0004.png.png", to=smaller),
             "0004.png: expected 32 x 32 pixels like camera 1 of the sparse model, found 28 x 24",
@@ -239,20 +232,15 @@ MISTAKES: dict[str, Mistakes] = {
     "llff": {
         "no poses": (gone(POSES), r"poses_bounds\.npy: no such file"),
         "a photograph is missing": (gone("images/003.png"), r"expected 18 x 17 numbers, a row a photograph .*\(19, 17\)"),
-        "no mask": (gone("masks/003.png"), r"images/003\.png: expected a mask .*masks/003\.png, found none"),
         "axes of OpenGL": (rows(lambda row: row[:, [1, 0, 2, 3, 4]] * [1, -1, 1, 1, 1]), f"{AXES}|{MESH}"),
         "axes of OpenCV": (rows(lambda row: row * [1, 1, -1, 1, 1]), "row 1: pose: expected a rotation.*det = -1"),
-        "scaled": (rows(lambda row: row * [2, 2, 2, 2, 1]), "pose: expected a rotation"),
         "no focal length": (rows(lambda row: row * [1, 1, 1, 1, 0]), "expected height, width and focal length above 0, found"),
         "another aspect": (rows(lambda row: row * [1, 1, 1, 1, 1] + SQUEEZED), r"expected the aspect of 32 x 64 pixels"),
-        "no numbers": (text(POSES, "no array"), r"poses_bounds\.npy: expected arrays of numbers"),
     },
     "neilf": {
         "README's key": (edit(SFM, lambda c: c.update(image_list=c.pop("image_path"))), "expected image_path, found none"),
         "12 numbers": (edit(SFM, lambda c: c["bbox"].update(transform=[1.0] * 12)), "bbox.transform: expected 16 finite numbers"),
-        "scaled": (posed(lambda m: m * RESCALED, 3), r"camera.extrinsic: expected a rotation.*det = 8"),
         "camera-to-world": (posed(np.linalg.inv), f"look away|{MESH}"),
-        "OpenGL axes": (posed(lambda m: np.diag([1.0, -1, -1, 1]) @ m), AXES),
         "no positions": (gone("inputs/position_maps"), r"depth_maps/004.exr: no such file"),
         "focal length in words": (
             edit(SFM, lambda c: c["camera_track_map"]["images"]["3"]["camera"]["intrinsic"].update(focal="48 px")),
@@ -267,8 +255,6 @@ MISTAKES: dict[str, Mistakes] = {
     "openillumination": {
         "no photographs": (gone("Lights"), "expected the folder of one object, with Lights in it"),
         "no such light": (gone("Lights/013"), "unknown reader.options.pattern '013'"),
-        "no mask": (gone("output/com_masks/CA3.png"), "com_masks/CA3.png: no such file"),
-        "degrees": (edit(OUTPUT, lambda c: c["frames"]["CA3"].update(camera_angle_x=38.0)), RADIANS),
         "another width": (edit(OUTPUT, lambda c: c["frames"]["CA3"].update(calib_imgw=50)), "CA3.JPG: expected calib_imgw = 50"),
         "one file for two": (
             edit(OUTPUT, lambda c: c["frames"]["CA3"].update(file_path="./images/CA2")),
@@ -299,7 +285,6 @@ MISTAKES: dict[str, Mistakes] = {
         "no map": (gone("ground_truth/object_scene002/env_map/0001.exr"), "no environment map .*object_scene002/env_map/0001.exr"),
         "normals in a picture": (array(NORMALS, np.ones((32, 32))), r"0001\.npy: expected \(32, 32, 3\) values"),
         "complex normals": (array(NORMALS, np.ones((32, 32, 3), complex)), r"0001\.npy: expected at most .* real numbers"),
-        "large normals": (array(NORMALS, np.full((32, 32, 3), 1e300)), r"from -1.1 to 1.1, found .* up to 1e\+300"),
         "a header alone": (text(NORMALS, HUGE_HEADER), r"0001\.npy: expected arrays of numbers "),
         "normals of another size": (array(NORMALS, np.ones((48, 32, 3))), r"expected \(32, 32, 3\) values"),
     },

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -79,25 +78,6 @@ def test_a_finished_run_that_lost_a_file_is_none(tmp_path: Path) -> None:
     assert notes == [f"{tmp_path}/albedo.exr: not what the run wrote there, or gone; running again"] * 3
 
 
-@pytest.mark.parametrize("name", [".lock", "config.json", "metrics.json", "checkpoint.pt", ".tmp-albedo.exr"])
-def test_no_link_is_written_through(tmp_path: Path, name: str) -> None:
-    """A link in the folder leads out of it: to a file of somebody else, to nothing, or round in a circle."""
-    theirs = tmp_path / "theirs"
-    theirs.write_text("precious")
-    for number, target in enumerate((theirs, tmp_path / "nowhere", name)):
-        folder = tmp_path / f"run{number}"
-        folder.mkdir()
-        (folder / name).symlink_to(target)
-        with suppress(InputError), RunFolder(folder, CONFIG, HASH) as opened:
-            assert opened.finished() is None
-            assert opened.load_checkpoint() is None
-            opened.save_checkpoint({"step": 3})
-            opened.write_bytes("albedo.exr", b"red")
-            opened.write_record(good_record())
-        assert theirs.read_text() == "precious"
-        assert not (tmp_path / "nowhere").exists()
-
-
 FULL_DISK = """
 import resource, sys
 from pathlib import Path
@@ -132,21 +112,6 @@ def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
     assert (tmp_path / "albedo.exr").read_bytes() == b"old"
     assert not (tmp_path / "metrics.json").exists()
     assert not list(tmp_path.glob(".*.exr"))
-
-
-def test_files_of_others_are_left_alone(folder: RunFolder, tmp_path: Path) -> None:
-    """A run that goes on below the folder is writing its own; a folder that is refused is not touched at all."""
-    mine, below = tmp_path / ".tmp-mine", folder.path / "nested" / ".tmp-checkpoint.pt"
-    below.parent.mkdir()
-    for path in (mine, below):
-        path.write_bytes(b"half")
-    folder.__exit__(None, None, None)
-    RunFolder(folder.path, CONFIG, HASH).__exit__(None, None, None)
-    (tmp_path / METRICS_FILE).write_text("{}")
-    with pytest.raises(InputError, match="not a run's folder"):
-        RunFolder(tmp_path, CONFIG, HASH)
-    assert mine.exists()
-    assert below.exists()
 
 
 def test_a_folder_with_nothing_but_a_failed_run_is_used_again(folder: RunFolder) -> None:

@@ -70,16 +70,6 @@ def test_a_part_of_a_configuration_that_is_no_table_is_named(tmp_path: Path, con
         RunSetup.read(tmp_path)
 
 
-NO_RECORD = ["{", "[]", "null", "3", "\0\xff", "[" * 100_000, '{"seed": ' + "9" * 301 + "}", '{"seed": NaN}', "{}"]
-
-
-@pytest.mark.parametrize("content", NO_RECORD, ids=range(len(NO_RECORD)))
-def test_what_is_no_record_is_one_sentence(tmp_path: Path, content: str) -> None:
-    (tmp_path / METRICS_FILE).write_bytes(content.encode("latin-1"))
-    with pytest.raises(InputError, match=r"metrics\.json: (not valid JSON|expected JSON|(row: |seed: )?expected a )"):
-        RunRecord.read(tmp_path)
-
-
 def test_pipes_and_devices_are_refused_and_not_waited_for(tmp_path: Path) -> None:
     for name, make in (("pipe", os.mkfifo), ("zero", lambda path: path.symlink_to("/dev/zero"))):
         folder = tmp_path / name
