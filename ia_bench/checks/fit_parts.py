@@ -101,26 +101,23 @@ def _regulariser(new: Callable[[], Regulariser], problem: Problem) -> Iterator[F
     before = material.albedo.clone(), material.roughness.clone()
     other = new()
     other.prepare(problem)
+    observed = torch.arange(SIDE)[:, None].expand(SIDE, SIDE) < SIDE // 2  # a fit of which the upper half of the texture is seen
+
+    def refine(renders: dict[str, Tensor]) -> Samples:  # of a prior that corrects everything to a half
+        return Samples({name: 0.5 * renders[name] for name in ("albedo", "roughness")})
+
+    def applied(one: Regulariser) -> Material:
+        light = SampledLight.of(torch.ones(8, 16, 3))
+        return one.apply(material, FitState(problem, light, None, observed, torch.Generator().manual_seed(0), refine))
+
     with torch.no_grad():
-        moved, again, another = (one.apply(material, _state(problem)) for one in (regulariser, regulariser, other))
+        moved, again, another = map(applied, (regulariser, regulariser, other))
     change = float((moved.albedo - material.albedo).abs().mean())
     yield Finding("pass", "a material", "", f"as large as before, finite; albedo moves by {change:.2g} in the mean")
     same = torch.equal(material.albedo, before[0]) and torch.equal(material.roughness, before[1])
     yield judge(same, "the material that it was given", "nothing modified", "" if same else "modified")
     yield _same("the same generator again", vars(moved), vars(again))
     yield _same("another instance", vars(moved), vars(another))
-
-
-def _state(problem: Problem) -> FitState:
-    """A fit of which the upper half of the texture is seen, and whose prior corrects everything to a half."""
-    observed = torch.zeros(SIDE, SIDE, dtype=torch.bool)
-    observed[: SIDE // 2] = True
-
-    def refine(renders: dict[str, Tensor]) -> Samples:
-        return Samples({name: 0.5 * renders[name] for name in ("albedo", "roughness")})
-
-    light = SampledLight.of(torch.ones(8, 16, 3))
-    return FitState(problem, light, None, observed, torch.Generator().manual_seed(0), refine)
 
 
 def _same(what: str, first: dict[str, Any], again: dict[str, Any]) -> Finding:

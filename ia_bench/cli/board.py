@@ -33,7 +33,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--reference", help="the row, with its authors, that the others are compared with")
     wanted = parser.parse_args(arguments)
     packs = packs_among(wanted.packs)
-    verified = None if wanted.verified is None else _verified(wanted.verified)
+    verified: Any = None if wanted.verified is None else read_json(wanted.verified).get("packs")
+    if wanted.verified is not None and not (isinstance(verified, dict) and all(isinstance(one, dict) for one in verified.values())):
+        raise InputError(f"{wanted.verified}: expected what ia-bench verify --out writes, found something else")
     make_writable(wanted.out, "--out")
     shutil.rmtree(wanted.out / PACKS, ignore_errors=True)
     cells: dict[Path, CellKey | None] = {}
@@ -71,11 +73,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rows = [Row(label, [], note) for label, note in notes.items()]
     finish(write_report(cells, wanted.out, Table(rows=rows, reference=wanted.reference)), wanted.out, "board")
     return OK if len(packs) == len(packs_among(wanted.packs)) else FAULT
-
-
-def _verified(path: Path) -> dict[str, dict[str, str]]:
-    """The states of runs by their pack's hash. Raises InputError for what ``ia-bench verify`` has not written."""
-    packs: Any = read_json(path).get("packs")
-    if not isinstance(packs, dict) or not all(isinstance(states, dict) for states in packs.values()):
-        raise InputError(f"{path}: expected what ia-bench verify --out writes, found something else")
-    return packs

@@ -22,7 +22,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _work(arguments: list[str]) -> int:
     if "--version" in arguments:
-        return _version()
+        from importlib.metadata import version
+
+        from ia_bench.common.machine import commit
+
+        say(" ".join(filter(None, ("ia_bench", version("ia_bench"), commit()))), sys.stdout)
+        return OK
     if "--choices" in arguments:
         from ia_bench.cli.usage import choices
 
@@ -51,15 +56,6 @@ def _work(arguments: list[str]) -> int:
 
     record, folder = execute(config)
     say(f"{record.summary()}\n{folder}: ia-bench report {shlex.quote(str(folder))} --open shows it", sys.stdout)
-    return OK
-
-
-def _version() -> int:
-    from importlib.metadata import version
-
-    from ia_bench.common.machine import commit
-
-    say(" ".join(filter(None, ("ia_bench", version("ia_bench"), commit()))), sys.stdout)
     return OK
 
 

@@ -45,17 +45,18 @@ class NeilfReader(FolderReader):
     def read(self, truth: bool) -> Scene:
         """The scene; materials of held-out views only with ``truth``. Raises InputError."""
         inputs, materials = self.folder / "inputs", self.folder / "ground_truths" / "materials"
-        content = _Described(str(inputs / "sfm_scene.json"), read_json(inputs / "sfm_scene.json"))
-        box = content.numbers(16, "bbox", "transform").reshape(4, 4)
+        path = str(inputs / "sfm_scene.json")
+        content = read_json(Path(path))
+        box = _numbers(path, content, 16, "bbox", "transform").reshape(4, 4)
         middle, size = box[:3, 3], float(np.abs(np.diag(box)[:3]).max()) / 2
         if not size > 0:
-            raise InputError(f"{content.path}: bbox.transform: expected a box with a size, found {np.diag(box)[:3].tolist()}")
-        keys = sorted((key for key in content.at("image_path", "file_paths") if str(key).isdecimal()), key=int)
+            raise InputError(f"{path}: bbox.transform: expected a box with a size, found {np.diag(box)[:3].tolist()}")
+        keys = sorted((key for key in _at(path, content, "image_path", "file_paths") if str(key).isdecimal()), key=int)
         held_out = {place % len(keys) for place in self.validation} if keys else set()
 
         def views(places: Sequence[int]) -> list[View]:
-            posed = [keys[place] for place in places if content.at("camera_track_map", "images", keys[place], "flg") == POSED]
-            return [self._view(content, key, middle, size) for key in posed]
+            tracked = [(keys[place], _at(path, content, "camera_track_map", "images", keys[place], "flg")) for place in places]
+            return [self._view(path, content, key, middle, size) for key, flag in tracked if flag == POSED]
 
         train = [self.view(view) for view in views([place for place in range(len(keys)) if place not in held_out])]
         seen = views(self.kept(sorted(held_out)))
@@ -68,14 +69,14 @@ class NeilfReader(FolderReader):
         scene = self.scene(train=train, test=test, novel=novel, mesh=own if own.is_file() else None, place=place)
         return replace(scene, metallic=(materials / "metallic").is_dir())
 
-    def _view(self, content: _Described, key: str, middle: np.ndarray, size: float) -> View:
+    def _view(self, where: str, content: Any, key: str, middle: np.ndarray, size: float) -> View:  # noqa: ANN401 (JSON)
         keys = "camera_track_map", "images", key, "camera"
-        (fx, fy), (cx, cy) = (content.numbers(2, *keys, "intrinsic", kind).tolist() for kind in ("focal", "ppt"))
-        extrinsic = content.numbers(16, *keys, "extrinsic").reshape(4, 4)
-        to_world = from_world_to_camera(rigid(content.path, ".".join((*keys, "extrinsic")), extrinsic))
+        (fx, fy), (cx, cy) = (_numbers(where, content, 2, *keys, "intrinsic", kind).tolist() for kind in ("focal", "ppt"))
+        extrinsic = _numbers(where, content, 16, *keys, "extrinsic").reshape(4, 4)
+        to_world = from_world_to_camera(rigid(where, ".".join((*keys, "extrinsic")), extrinsic))
         to_world[:3, 3] = (to_world[:3, 3] - middle) / size
-        name = Path(str(content.at("image_path", "file_paths", key))).stem
-        photo = self._photo(content.path, name)
+        name = Path(str(_at(where, content, "image_path", "file_paths", key))).stem
+        photo = self._photo(where, name)
         height, width = photo.mask.shape
         return photo.view(name, Camera(to_world, (fx, fy), (cx, cy), width, height))
 
@@ -102,25 +103,19 @@ class NeilfReader(FolderReader):
         return replace(view, albedo=albedo, roughness=true_map(rough, view.mask, "linear", channels=1))
 
 
-@dataclass(frozen=True)
-class _Described:
-    """The ``content`` of the JSON file ``path``, whose values lie under nested keys."""
+def _at(path: str, content: Any, *keys: str) -> Any:  # noqa: ANN401 (JSON)
+    """The value at the end of nested ``keys`` of the file ``path``. Raises InputError where there is none."""
+    for place, key in enumerate(keys):
+        if not isinstance(content, dict) or key not in content:
+            raise InputError(f"{path}: expected {'.'.join(keys[: place + 1])}, found none")
+        content = content[key]
+    return content
 
-    path: str
-    content: dict[str, Any]
 
-    def at(self, *keys: str) -> Any:  # noqa: ANN401 (JSON)
-        """The value at the end of ``keys``. Raises InputError where there is none."""
-        value: Any = self.content
-        for place, key in enumerate(keys):
-            if not isinstance(value, dict) or key not in value:
-                raise InputError(f"{self.path}: expected {'.'.join(keys[: place + 1])}, found none")
-            value = value[key]
-        return value
-
-    def numbers(self, count: int, *keys: str) -> np.ndarray:
-        """The ``count`` numbers at the end of ``keys``. Raises InputError."""
-        values = numbers(self.at(*keys)).ravel()
-        if values.size != count or not np.isfinite(values).all():
-            raise InputError(f"{self.path}: {'.'.join(keys)}: expected {count} finite numbers, found {self.at(*keys)!r:.100}")
-        return values
+def _numbers(path: str, content: Any, count: int, *keys: str) -> np.ndarray:  # noqa: ANN401 (JSON)
+    """The ``count`` numbers at the end of ``keys``. Raises InputError."""
+    found = _at(path, content, *keys)
+    values = numbers(found).ravel()
+    if values.size != count or not np.isfinite(values).all():
+        raise InputError(f"{path}: {'.'.join(keys)}: expected {count} finite numbers, found {found!r:.100}")
+    return values

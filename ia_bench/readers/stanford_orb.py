@@ -24,7 +24,7 @@ from ia_bench.readers.contract import MESHES
 from ia_bench.readers.pictures import photograph, true_map
 from ia_bench.scenes.exr import read_light
 from ia_bench.scenes.photograph import read_array
-from ia_bench.scenes.scene import Camera, Scene, Truth, View
+from ia_bench.scenes.scene import Scene, Truth, View
 
 FOLDERS = {"hdr": "blender_HDR", "ldr": "blender_LDR"}
 SUFFIX = {"hdr": ".exr", "ldr": ".png"}
@@ -93,7 +93,7 @@ class StanfordOrbReader(FolderReader):
             seen.append(self.view(replace(view, name=light, light=light)))
             path = self._truths / name / "env_map" / f"{view.name}.exr"
             if truth and path.is_file():
-                lights[light] = from_camera_frame(read_light(path), view.camera)
+                lights[light] = turned(read_light(path), view.camera.to_world[:3, :3] @ CAMERA_LAYOUT.T)
             elif truth:
                 notes.append(f"no environment map {path.relative_to(self.folder)}: the view under it is not relit")
         if truth and test and test[0].albedo is not None:
@@ -149,9 +149,4 @@ class StanfordOrbReader(FolderReader):
 
 
 CAMERA_LAYOUT = np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
-"""From a camera's axes to those that our layout would have of a map whose middle column is where the camera looks, +y up."""
-
-
-def from_camera_frame(radiance: np.ndarray, camera: Camera) -> np.ndarray:
-    """A map whose middle column is where the camera looks, +y up and +x three quarters to the right, in the world's layout."""
-    return turned(radiance, camera.to_world[:3, :3] @ CAMERA_LAYOUT.T)
+"""From a camera's axes to those of our layout for a map whose middle column is where it looks, +y up, +x three quarters right."""

@@ -13,7 +13,6 @@ import torch
 
 from ia_bench.capture.capture import captured
 from ia_bench.capture.capture import record as capture_record
-from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress, ProgressBar
 from ia_bench.common.registry import create
@@ -41,7 +40,11 @@ from ia_bench.scores.scorer import Scorer
 
 def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping[str, Any]) -> RunRecord:
     """Do one run (or finish an interrupted one) and return its record, which is then in ``folder``; ``known``: its labels."""
-    ask_for_the_same_numbers(config.device)
+    # Deterministic algorithms alone, so that the same configuration gives the same numbers; on the CPU. On CUDA nothing is
+    # promised: Warp's kernels add by atomics, in any order, and what torch has instead of a bilinear enlargement made fits 1.3 to
+    # 1.7 times as long on an H100. torch.use_deterministic_algorithms would do the same, and import torch's compiler.
+    torch.set_deterministic_debug_mode("default" if config.device == "cuda" else "error")
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     costs = CostTracker()
     # ---- load ------------------------------------------------------------------------------------------------
     with costs.exclude("capture"):
@@ -69,6 +72,9 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
         write_pictures(folder, scene, scorer.drawn, scale, title, progress)
     asked = problem.prior.info if method.info.uses_prior else PriorInfo(frozenset())
     time_s = {"bake": 0.0, "prior": 0.0, **result.seconds, **costs.seconds, "total": costs.total()}
+    declared = result.declared or asked.declared  # of results that were brought, or of predictions, whose fit takes seconds too
+    if result.declared is None and declared is not None and declared.seconds is not None:
+        declared = replace(declared, seconds=declared.seconds + row_seconds(time_s))
     found = {
         **known,
         **scores.as_dict(),
@@ -81,7 +87,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
         "counters": {**counts, **result.counters},
         "plan": problem.plan.record() if "plan" in vars(problem) else {"needed": [], "left_out": []},
         "capture": capture_record(scene, config.capture),
-        "declared": _declared(result.declared, asked.declared, row_seconds(time_s)),
+        "declared": declared and asdict(declared),
     }
     return folder.write_record(RunRecord(**found, config_hash=folder.config_hash, status="ok"))
 
@@ -100,25 +106,6 @@ def write_assets(folder: RunFolder, reconstruction: Reconstruction) -> None:
             with folder.path_for(f"{name}.exr") as path:
                 write_exr(path, image, half=False)
     folder.write_bytes("asset.glb", glb(assets.mesh, assets.albedo, assets.roughness, assets.metallic))
-
-
-def _declared(results: Declared | None, predictions: Declared | None, seconds: float) -> dict[str, Any] | None:
-    """What is said of results that were brought, or else of predictions, to whose seconds those of the fit are added."""
-    if results is None and predictions is not None:
-        results = replace(predictions, seconds=None if predictions.seconds is None else predictions.seconds + seconds)
-    return None if results is None else asdict(results)
-
-
-def ask_for_the_same_numbers(device: str) -> None:
-    """Let torch use deterministic algorithms alone, so that the same configuration gives the same numbers; on the CPU.
-
-    On CUDA nothing is promised: Warp's kernels add by atomics, in any order, and some sums of torch have no deterministic
-    algorithm either. What torch has instead of a bilinear enlargement there, dozens of small kernels, made fits 1.3 to 1.7 times
-    as long on an H100.
-    """
-    # torch.use_deterministic_algorithms would do the same, and import torch's compiler.
-    torch.set_deterministic_debug_mode("default" if device == "cuda" else "error")
-    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
 
 
 def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Callable[[str], None], costs: CostTracker) -> Problem:

@@ -83,7 +83,13 @@ def run_cells(cells: Sequence[Cell], launcher: Local, jobs: int, logs: Path, pro
                 if not ended:
                     time.sleep(launcher.poll_seconds)
         except BaseException:
-            _end(list(running), progress)
+            if running:
+                progress.note(f"ending {len(running)} cells; they save their state first")
+            for job in running:  # at work, or waiting on a cluster
+                job.cancel()
+            deadline = time.monotonic() + ENDING_SECONDS
+            while not all(job.done() for job in running) and time.monotonic() < deadline:
+                time.sleep(0.1)
             raise
     return failed
 
@@ -111,14 +117,3 @@ def _failed(cell: Cell, problem: str, log: Path, before: int) -> str:
     except (InputError, Fault, OSError) as error:  # of this cell; the others go on
         return f"FAILED ({error})"
     return f"FAILED ({problem}), see {log}"
-
-
-def _end(jobs: Sequence[Job], progress: Progress) -> None:
-    """Cancel what runs or waits on a cluster, and wait for it to end, though not for ever."""
-    if jobs:
-        progress.note(f"ending {len(jobs)} cells; they save their state first")
-    for job in jobs:
-        job.cancel()
-    deadline = time.monotonic() + ENDING_SECONDS
-    while not all(job.done() for job in jobs) and time.monotonic() < deadline:
-        time.sleep(0.1)
