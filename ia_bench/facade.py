@@ -29,7 +29,7 @@ from ia_bench.readers.pictures import read_light
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.report.collect import collect
-from ia_bench.runs.composition import compose
+from ia_bench.runs.composition import compose, written
 from ia_bench.runs.execute import execute
 from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.recovered import Recovered
@@ -43,8 +43,6 @@ from ia_bench.scores.scorer import Scorer
 Light: TypeAlias = str | Path | np.ndarray
 Scored: TypeAlias = dict[str, dict[str, float | None]]
 """Component -> metric -> mean, as metrics.json has them."""
-PLAIN = "_./:-+~"
-"""What a text may hold beside letters and digits that Hydra reads as it stands."""
 SHOWN = ("row", "scene", "seed", "protocol", "capture", *(metric.column for metric in METRICS), "seconds", "problem")
 """Columns of :func:`table`, in their order."""
 
@@ -266,16 +264,4 @@ def _overrides(settings: Mapping[str, Any], above: str = "") -> Iterator[str]:
         if isinstance(value, Mapping):
             yield from _overrides(value, f"{above}{name}.")
         else:
-            yield f"{above}{name}={_text(value)}"
-
-
-def _text(value: Any) -> str:  # noqa: ANN401 (of a setting)
-    """A value as Hydra writes it."""
-    if value is None or isinstance(value, bool):
-        return {None: "null", True: "true", False: "false"}[value]
-    if isinstance(value, list | tuple):
-        return f"[{','.join(map(_text, value))}]"
-    text = str(value)
-    if not isinstance(value, str | Path) or text and all(letter.isalnum() or letter in PLAIN for letter in text):
-        return text
-    return "'" + text.replace("\\'", "\\\\'").replace("'", "\\'") + "'"
+            yield f"{above}{name}={written(value)}"

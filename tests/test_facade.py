@@ -107,7 +107,7 @@ def test_a_changed_scene_is_refused(scene: ib.LoadedScene) -> None:
 
 def test_a_folder_is_no_name(tiny_copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tiny_copy.parent)
-    assert ib.load("./tiny").settings == (f"scene.path={tiny_copy.resolve()}", "reader=native")
+    assert ib.load("./tiny").settings == (f"scene.path='{tiny_copy.resolve()}'", "reader='native'")
     with pytest.raises(ib.InputError, match="did you mean 'tiny'"):
         ib.load("tinny")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from ia_bench.cli import run
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.files import is_file, shown
+from ia_bench.runs.composition import written
 
 USAGE = "ia-bench score WHAT --scene NAME|FOLDER [--OPTION VALUE ...] [SETTING=VALUE ...]"
 ABOUT = """\
@@ -74,14 +74,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not (path.is_dir() or path.suffix.lower() in MESHES):
         raise InputError(f"{shown(what)}: expected a mesh ({', '.join(MESHES)}) or a folder of pictures, found neither")
     scene = "scene.path" if "/" in wanted.scene or wanted.scene.startswith(".") else "scene"
-    found = {"method": "images" if path.is_dir() else "asset", scene: _quoted(wanted.scene), "method.options.path": _quoted(what)}
+    found = {"method": "images" if path.is_dir() else "asset", scene: written(wanted.scene), "method.options.path": written(what)}
     keys = {name: f"method.options.{name}" for name in OPTIONS} | {name: f"method.options.declared.{name}" for name in DECLARED}
     for name, key in {**keys, "row": "row", "out": "out"}.items():
         if (value := getattr(wanted, name)) is not None:
-            found[key] = _quoted(value) if name in (*TEXTS, "row", "out") else value
+            found[key] = written(value) if name in (*TEXTS, "row", "out") else value
     return run.main([*(f"{key}={value}" for key, value in found.items()), *(text for text in wanted.given if "=" in text)])
-
-
-def _quoted(text: str) -> str:
-    """A text as Hydra takes it, whatever is in it."""
-    return json.dumps(text, ensure_ascii=False)

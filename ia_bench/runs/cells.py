@@ -24,13 +24,13 @@ from ia_bench.common.files import read_json
 from ia_bench.common.ranges import Name
 from ia_bench.common.registry import BrokenPlugin
 from ia_bench.common.settings import parsed_file
-from ia_bench.runs.composition import compose
+from ia_bench.runs.composition import compose, written
 from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.folder import find_run_folders, held_since, recorded_at
 from ia_bench.runs.identity import hash_of, identity
 from ia_bench.runs.launchers import Local
 from ia_bench.runs.record import METRICS_FILE, RunRecord
-from ia_bench.runs.table import Row, SceneEntry, Table, load_table, quoted, some_rows, title_of
+from ia_bench.runs.table import Row, SceneEntry, Table, load_table, some_rows, title_of
 
 CELLS = "cells.json"
 RUNNING, WAITING, FAILED, FINISHED = "running", "waiting", "failed", "finished"
@@ -110,7 +110,7 @@ def make_cells(
     seeds, scenes = table.seeds if request.seeds is None else request.seeds, table.entries(request.scenes)
 
     def overrides_of(row: Row, scene: SceneEntry, seed: int) -> list[str]:
-        own = (*scene.overrides, f"seed={seed}", f"threads={threads}", f"row={quoted(row.name)}")
+        own = (*scene.overrides, f"seed={seed}", f"threads={threads}", f"row={written(row.name)}")
         return [*row.overrides, *own, *request.overrides]
 
     cells = []
@@ -122,7 +122,7 @@ def make_cells(
                 content = identity(config)
                 name = f"{slug(row.name)}-seed{seed}-{hash_of(content)[:8]}"
                 folder = str(results / "runs" / slug(config.scene.name) / name)
-                command = (*overrides_of(row, scene, seed), f"out={quoted(folder)}")
+                command = (*overrides_of(row, scene, seed), f"out={written(folder)}")
                 cells.append(Cell(row, replace(config, out=folder, command=command), content))
         except BrokenPlugin as error:
             if broken is None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,17 @@ def register(overrides: Sequence[str]) -> None:
             continue  # no group: fit.regularise has a list of their names
         for plugin in [*registry.installed(kind).values(), *_named_plugins(kind, overrides)]:
             store.store(group=kind, name=plugin.name, node=OmegaConf.create({"name": plugin.name, "target": plugin.target}))
+
+
+def written(value: Any) -> str:  # noqa: ANN401 (of a setting)
+    """A value as Hydra's grammar has it, whatever characters it holds."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{written(key)}: {written(part)}" for key, part in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(written, value))}]"
+    if isinstance(value, str | Path):
+        return "'" + str(value).replace("\\'", "\\\\'").replace("'", "\\'") + "'"
+    return json.dumps(value)
 
 
 def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from ia_bench.common.files import read_yaml, user_path
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.ranges import Name
 from ia_bench.common.settings import flat, parsed, parsed_file
+from ia_bench.runs.composition import written
 from ia_bench.scores.metrics import METRIC_OF
 
 SET_BY_TABLE = ("scene", "scene.name", "scene.path", "reader", "seed", "row", "out")
@@ -48,10 +48,10 @@ class SceneEntry:
         """Of the configuration, which read it."""
         if self == SceneEntry(self.name):
             return [f"scene={self.name}"]
-        found = [f"reader={quoted(self.reader)}", f"scene.name={quoted(self.name)}"]
-        found += [] if self.path is None else [f"scene.path={quoted(self.path)}"]
+        found = [f"reader={written(self.reader)}", f"scene.name={written(self.name)}"]
+        found += [] if self.path is None else [f"scene.path={written(self.path)}"]
         found += [] if self.capture is None else [f"capture={self.capture}"]
-        return [*found, *(f"reader.options.{key}={_written(value)}" for key, value in self.options.items())]
+        return [*found, *(f"reader.options.{key}={written(value)}" for key, value in self.options.items())]
 
 
 @dataclass
@@ -253,17 +253,3 @@ def _whole(name: str, within: tuple[str, ...]) -> Table:
     }
     every |= {key: [one for part in (*parts, table) for one in getattr(part, key)] for key in ("rows", "claims")}
     return replace(table, **every)
-
-
-def quoted(text: str) -> str:
-    """A text as a value in Hydra's grammar, whatever characters it has."""
-    return "'" + text.replace("'", "\\'") + "'"
-
-
-def _written(value: Any) -> str:  # noqa: ANN401 (an option of a reader)
-    """A value of JSON in Hydra's grammar."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{quoted(str(key))}: {_written(part)}" for key, part in value.items()) + "}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_written, value))}]"
-    return quoted(value) if isinstance(value, str) else json.dumps(value)
