@@ -1,4 +1,4 @@
-"""The command line around a run: mistakes, what is shown, plugins, and a real installation.
+"""The command line around a run: mistakes, what is shown, plugins, and a real installation; and every command behind one name.
 
 The run itself is replaced by tests/fake_run, so that these tests take seconds and say nothing about rendering.
 """
@@ -16,6 +16,7 @@ import pytest
 from command_line import HERE, call, command, results, started
 from PIL import Image
 
+from ia_bench.cli.main import COMMANDS
 from ia_bench.cli.run import main
 from ia_bench.common.paths import conf_folder
 
@@ -182,3 +183,34 @@ def test_installation_works_from_any_folder(tmp_path: Path) -> None:
     assert "There are: tiny. " in without.stderr
     assert "IA_BENCH_DATASETS" in without.stderr
     assert "scene.path=FOLDER" in without.stderr
+
+
+COMMAND = str(Path(sys.executable).with_name("ia-bench"))
+
+
+def ia_bench(*arguments):
+    return subprocess.run([COMMAND, *arguments], capture_output=True, text=True)
+
+
+def test_help_lists_every_command_with_what_it_is_for():
+    shown = ia_bench("--help")
+    assert shown.returncode == 0
+    assert all(f"  {name} " in shown.stdout and line in shown.stdout for name, (_, line) in COMMANDS.items())
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_says_what_it_takes(name):
+    shown = ia_bench(name, "--help")
+    assert shown.returncode == 0, shown.stderr
+    assert name in shown.stdout
+    assert len(shown.stdout.splitlines()) <= 40, "more than one screen"
+
+
+def test_a_misspelt_command_is_one_sentence():
+    failed = ia_bench("rapport")
+    assert failed.returncode == 2
+    assert failed.stderr.startswith("ia_bench: unknown command 'rapport'; did you mean 'report'?")
+
+
+def test_the_version_is_that_of_the_package():
+    assert ia_bench("--version").stdout.split()[0] == "ia_bench"

@@ -1,22 +1,27 @@
-"""The run folder: what it writes, what it refuses, and that neither kill -9 nor a second process can spoil it."""
+"""The run folder: what it writes and refuses, its record and checkpoint, and what cannot spoil it."""
 
 from __future__ import annotations
 
 import csv
 import json
+import os
 import random
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from run_folders import CONFIG, HASH, LABELS, good_record
+import torch
+from run_folders import CONFIG, HASH, LABELS, good_content, good_record
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import Fault, InputError
+from ia_bench.runs import folder as checkpoint
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.record import METRICS_FILE
+from ia_bench.runs.record import CONFIG as CONFIG_FILE
+from ia_bench.runs.record import METRICS_FILE, RunRecord, RunSetup, finished_record
 
 
 def test_failure_is_recorded_and_is_not_finished(folder: RunFolder) -> None:
@@ -149,3 +154,156 @@ def test_kill_9_while_writing_leaves_a_whole_file(tmp_path: Path) -> None:
         process.wait()
         process.stdout.close()
         assert len(json.loads((tmp_path / "big.json").read_text())["filler"]) == 20000
+
+
+def test_checkpoint_returns_what_it_was_given(folder: RunFolder) -> None:
+    assert folder.load_checkpoint() is None
+    generator = torch.Generator().manual_seed(3)
+    parameter = torch.randn(5, requires_grad=True)
+    optimizer = torch.optim.Adam([parameter])
+    parameter.sum().backward()
+    optimizer.step()
+    state = {"step": 7, "name": "stage 1", "parts": [parameter.detach()], "optimizer": optimizer.state_dict()}
+    folder.save_checkpoint(state | {"random": generator.get_state()})
+    loaded = folder.load_checkpoint()
+    assert loaded is not None
+    assert loaded["step"] == 7
+    torch.testing.assert_close(loaded["parts"][0], parameter.detach(), rtol=0, atol=0)
+    torch.testing.assert_close(loaded["random"], generator.get_state(), rtol=0, atol=0)
+    optimizer.load_state_dict(loaded["optimizer"])
+
+
+def test_checkpoint_of_other_code_is_reported_and_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    notes: list[str] = []
+    with RunFolder(tmp_path, CONFIG, HASH, notes.append) as folder:
+        folder.save_checkpoint({"step": 3})
+        monkeypatch.setattr(checkpoint, "_code", lambda: "of yesterday")
+        assert folder.load_checkpoint() is None
+    assert "another version of the code wrote it" in notes[0]
+
+
+def _checkpoint_with(part: Path, change) -> None:
+    content = bytearray(part.read_bytes())
+    changed = change(content)
+    part.write_bytes(content if changed is None else changed)
+
+
+def _flip(place: int):
+    def flip(content: bytearray) -> None:
+        content[place % len(content)] ^= 0x10
+
+    return flip
+
+
+DAMAGE = {
+    **{f"truncated to {kept}": lambda content, kept=kept: content[:kept] for kept in (0, 100, -1)},
+    **{f"flipped at {place}": _flip(place) for place in (3, 40, 700, -30)},
+    "garbage": lambda content: bytes(range(256)) * 40,
+    "of torch alone": lambda content: content[len(checkpoint.MAGIC) + checkpoint.DIGEST :],
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_no_bit_of_a_damaged_checkpoint_is_believed(tmp_path: Path, damage: str) -> None:
+    notes: list[str] = []
+    with RunFolder(tmp_path, CONFIG, HASH, notes.append) as folder:
+        folder.save_checkpoint({"weights": torch.zeros(1000)})
+        assert folder.load_checkpoint() is not None
+        _checkpoint_with(tmp_path / "checkpoint.pt", DAMAGE[damage])
+        assert folder.load_checkpoint() is None
+    assert len(notes) == 1
+    assert "checkpoint.pt: checkpoint ignored, starting over" in notes[0]
+
+
+def test_checkpoint_that_would_run_code_is_ignored(folder: RunFolder) -> None:
+    class Code:
+        def __reduce__(self):
+            return os.system, (f"touch {folder.path}/executed",)
+
+    torch.save({"config_hash": HASH, "state": Code()}, folder.path / "checkpoint.pt")
+    assert folder.load_checkpoint() is None
+    (folder.path / "checkpoint.pt").write_bytes(checkpoint.pack(Code(), HASH))
+    assert folder.load_checkpoint() is None
+    assert not (folder.path / "executed").exists()
+
+
+def test_what_is_written_is_read(folder: RunFolder) -> None:
+    written = folder.write_record(good_record())
+    assert folder.finished() == written == RunRecord.read(folder.path) == finished_record(folder.path, folder.config_hash)
+    assert finished_record(folder.path, "b" * 64) is None
+    assert (written.score("albedo.psnr"), written.score("roughness.mse"), written.score("gloss.psnr")) == (20.0, None, None)
+
+
+def test_a_metric_more_or_less_and_a_key_of_a_later_version_are_read(tmp_path: Path) -> None:
+    """A new metric changes no line of this room, and a record of before it has simply no such number."""
+    content = good_content() | {"metrics": {"gloss": {"error": 1.5}}, "weather": "rain"}
+    (tmp_path / METRICS_FILE).write_text(json.dumps(content))
+    assert (RunRecord.read(tmp_path).score("gloss.error"), RunRecord.read(tmp_path).score("albedo.psnr")) == (1.5, None)
+
+
+def test_how_far_a_record_can_be_trusted_stands_in_it() -> None:
+    record = replace(good_record(), environment={"commit": "abc", "threads": 1})
+    assert (record.commit, record.clean, record.threads) == ("abc", True, 1)
+    changed = replace(record, environment={"commit": "abc+changes"})
+    assert (changed.commit, changed.clean, changed.threads) == ("abc", False, None)
+    assert not good_record().clean  # of no checkout: nobody knows
+
+
+WRONG = [
+    ({"schema": 1}, "schema: expected 2, found 1"),
+    ({"row": "a\0b"}, "row: expected a name of 1 to 200 printable characters"),
+    ({"status": "done"}, "unknown value of status: 'done'"),
+    ({"metrics": {}}, "metrics: expected the scores of a finished run, found none"),
+    ({"metrics": {"albedo": {"psnr": "20"}}}, "metrics.albedo.psnr: expected "),
+    ({"reasons": {}}, "metrics.roughness.mse: expected a number, or why there is none"),
+    ({"per_image": {"albedo": 3}}, "per_image.albedo: expected a table"),
+    ({"status": "failed"}, "error: expected why the run failed, found nothing"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), WRONG, ids=[message[:30] for _, message in WRONG])
+def test_a_value_of_another_type_is_named_by_file_and_key(tmp_path: Path, change: dict, message: str) -> None:
+    (tmp_path / METRICS_FILE).write_text(json.dumps(good_content() | change))
+    with pytest.raises(InputError) as caught:
+        RunRecord.read(tmp_path)
+    assert f"{tmp_path / METRICS_FILE}: {message}" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ({"reader": "x"}, "config.reader: expected a table, found 'x'"),
+        ({"method": {"options": [1]}}, "config.method.options: expected a"),
+    ],
+)
+def test_a_part_of_a_configuration_that_is_no_table_is_named(tmp_path: Path, config: dict, message: str) -> None:
+    (tmp_path / CONFIG_FILE).write_text(json.dumps({"config_hash": "0", "identity": {}, "config": config}))
+    with pytest.raises(InputError, match=f"{CONFIG_FILE}: expected the configuration of a run: {message}"):
+        RunSetup.read(tmp_path)
+
+
+def test_pipes_and_devices_are_refused_and_not_waited_for(tmp_path: Path) -> None:
+    for name, make in (("pipe", os.mkfifo), ("zero", lambda path: path.symlink_to("/dev/zero"))):
+        folder = tmp_path / name
+        folder.mkdir()
+        make(folder / METRICS_FILE)
+        with pytest.raises(InputError, match="expected a file, found a pipe or a device"):
+            RunRecord.read(folder)
+    with pytest.raises(FileNotFoundError):
+        RunRecord.read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"metrics": {"albedo": {"psnr": float("nan")}}}, "psnr: expected a finite number"),
+        ({"time_s": {"total": float("inf")}}, "total: expected a finite number"),
+        ({"counters": {"steps": None}}, r"counters\.steps: expected"),
+        ({"environment": {"where": Path()}}, "PosixPath is not JSON serializable"),
+        ({"plan": {"value": float("nan")}}, r"plan\.value: expected a finite number"),
+    ],
+)
+def test_what_nobody_could_read_is_not_written(folder: RunFolder, change: dict, message: str) -> None:
+    with pytest.raises(Fault, match=message):
+        folder.write_record(replace(good_record(), **change))
+    assert not (folder.path / METRICS_FILE).exists()
