@@ -168,8 +168,8 @@ class Fit(Recovered):
         """
         frames = frames_of(view, 1, self.scene.expect_mesh(), self.scene, size)
         with process_state_kept():
-            drawn = draw(self._textured, self._texels(light), frames, background=background, quality=Quality(3, samples))
-        return Image.fromarray(np.round(255 * drawn.pictures[0]).astype(np.uint8))
+            pictures, _ = draw(self._textured, self._texels(light), frames, background=background, quality=Quality(3, samples))
+        return Image.fromarray(np.round(255 * pictures[0]).astype(np.uint8))
 
     def save(self, path: str | Path) -> Path:
         """Write the object with its textures as a glTF binary, which any viewer opens. Raises InputError for another suffix."""

@@ -19,7 +19,8 @@ from ia_bench.readers.contract import TRUTH_OF_VIEWS, SceneReader, check_scene, 
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.rays import make_rays
-from ia_bench.runs.pictures.drawing import GREY, exposure, on_grey
+from ia_bench.runs.pictures.drawing import exposure, on_grey
+from ia_bench.runs.pictures.preview import GAP, labelled
 from ia_bench.scenes.images import display
 from ia_bench.scenes.scene import Scene
 
@@ -114,16 +115,15 @@ def write_sheet(scene: Scene, path: Path) -> Iterator[Finding]:
     views = [*scene.train[:: max(1, len(scene.train) // SHOWN)][:SHOWN], *held_out[:: max(1, len(held_out) // ROW)][:ROW]]
     gain = exposure([view.image for view in views], [view.mask for view in views])
     rays = None if scene.mesh is None else make_rays(scene.mesh, torch.device("cpu"))
-    tall, wide = np.max([view.mask.shape for view in views], axis=0)
-    sheet = np.full((-(-len(views) // ROW), ROW, tall, wide, 3), GREY)
-    for number, view in enumerate(views):
-        tile = sheet[number // ROW, number % ROW, : view.mask.shape[0], : view.mask.shape[1]]
-        tile[:] = on_grey(display(view.image, view.mask, gain), view.mask)
+    cells: list[tuple[str, Image.Image]] = []
+    for view in views:
+        tile = on_grey(display(view.image, view.mask, gain), view.mask).copy()
         if rays is not None:
             inside = trace_gbuffer([view.camera], rays, 1, torch.device("cpu")).coverage()[0].numpy() > 0.5
             tile[inside & ~binary_erosion(inside)] = 1, 0, 0
+        cells.append((view.name, Image.fromarray((255 * tile).round().astype(np.uint8))))
     path.parent.mkdir(parents=True, exist_ok=True)
-    pixels = (255 * sheet.swapaxes(1, 2).reshape(len(sheet) * tall, ROW * wide, 3)).round().astype(np.uint8)
+    rows = [cells[first : first + ROW] for first in range(0, len(cells), ROW)]
     with whole_file(path) as partial:
-        Image.fromarray(pixels).save(partial, format="PNG")
+        labelled(rows, width=GAP + len(rows[0]) * (GAP + max(cell.width for _, cell in cells))).save(partial, format="PNG")
     yield Finding("pass", "contact sheet", "", str(path))

@@ -87,10 +87,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             relighting.draw(found, light, frames, background=background, ev=wanted.exposure, quality=quality, advance=task.advance)
             for light in lights
         ]
-    side_by_side = [np.concatenate(row, 1) for row in zip(*(one.pictures for one in drawn), strict=True)]
+    side_by_side = [np.concatenate(row, 1) for row in zip(*(pictures for pictures, _ in drawn), strict=True)]
     relighting.write_pictures(wanted.out, side_by_side, seconds=wanted.seconds)
-    for path, one in zip(wanted.light, drawn, strict=True):
-        say(f"{path}: exposure {one.exposure:+.2f} EV", sys.stdout)
+    for path, (_, exposure) in zip(wanted.light, drawn, strict=True):
+        say(f"{path}: exposure {exposure:+.2f} EV", sys.stdout)
     say(str(wanted.out), sys.stdout)
     return OK
 

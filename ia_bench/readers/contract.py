@@ -70,7 +70,16 @@ def check_scene(scene: object, *, truth: bool) -> Scene:
         raise InputError(f"{scene.source}: name: expected one line of text, found {shown(repr(scene.name))}")
     _check_numbers(f"{scene.source}: saturated_share", scene.saturated_share, 0, 1)
     if scene.mesh is not None:
-        _check_mesh(f"{scene.source}: mesh", scene.mesh)
+        where, mesh = f"{scene.source}: mesh", scene.mesh
+        if not isinstance(mesh, Mesh):
+            raise InputError(f"{where}: expected a Mesh, found {type(mesh).__name__}")
+        for part, width, least, most in (("vertices", 3, -np.inf, np.inf), ("normals", 3, -1, 1), ("uv", 2, 0, 1)):
+            _check_array(f"{where}: {part}", getattr(mesh, part), (len(mesh.vertices), width), least, most)
+        faces, count = mesh.faces, len(mesh.vertices)
+        if faces.dtype != np.int32 or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
+            raise InputError(f"{where}: faces: expected (F, 3) int32, found {faces.shape} {faces.dtype}")
+        if faces.min() < 0 or faces.max() >= count:
+            raise InputError(f"{where}: faces: expected vertices 0 to {count - 1}, found {faces.min()} to {faces.max()}")
     if not scene.train:
         raise InputError(f"{scene.source}: expected at least one training view, found none")
     for split in SPLITS:
@@ -151,20 +160,6 @@ def _check_numbers(where: str, value: object, least: float, most: float, count: 
     if len(many) != max(count, 1) or not all(isinstance(one, kinds) and least <= one <= most for one in many):
         words = f"{count} numbers" if count else "a number" if kinds is NUMBERS else "a whole number"
         raise InputError(f"{where}: expected {words} from {least:g} to {most:g}, found {shown(repr(value))}")
-
-
-def _check_mesh(where: str, mesh: object) -> None:
-    if not isinstance(mesh, Mesh):
-        raise InputError(f"{where}: expected a Mesh, found {type(mesh).__name__}")
-    count = len(mesh.vertices)
-    _check_array(f"{where}: vertices", mesh.vertices, (count, 3), -np.inf, np.inf)
-    _check_array(f"{where}: normals", mesh.normals, (count, 3), -1, 1)
-    _check_array(f"{where}: uv", mesh.uv, (count, 2), 0, 1)
-    faces = mesh.faces
-    if faces.dtype != np.int32 or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
-        raise InputError(f"{where}: faces: expected (F, 3) int32, found {faces.shape} {faces.dtype}")
-    if faces.min() < 0 or faces.max() >= count:
-        raise InputError(f"{where}: faces: expected vertices 0 to {count - 1}, found {faces.min()} to {faces.max()}")
 
 
 def _check_truth(where: str, truth: Truth) -> None:

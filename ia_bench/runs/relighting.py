@@ -55,19 +55,6 @@ class Frame:
     turn: float = 0.0
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """What is seen under one light.
-
-    Attributes:
-        pictures: One per frame, (H, W, 4) in [0, 1], sRGB with straight alpha.
-        exposure: The EV that they were shown with.
-    """
-
-    pictures: list[np.ndarray]
-    exposure: float
-
-
 def of_run(folder: Path, device: torch.device, scene: Path | None = None) -> tuple[TexturedReconstruction, Scene]:
     """What a run recovered, and its scene, which lies in the folder ``scene`` or where the run found it.
 
@@ -132,8 +119,8 @@ def draw(
     ev: float | None = None,
     quality: Quality,
     advance: Callable[[], None] = lambda: None,
-) -> Drawn:
-    """Draw every frame under a ``light`` (H, 2 H, 3).
+) -> tuple[list[np.ndarray], float]:
+    """Draw every frame under a ``light`` (H, 2 H, 3): pictures (H, W, 4) in [0, 1], sRGB with straight alpha, and their EV.
 
     ``ev``: None for the exposure that brings all but the brightest hundredth of the object's pixels below white. ``advance`` is
     called after each frame.
@@ -150,7 +137,7 @@ def draw(
         advance()
     gain = exposure([image for image, _ in radiance], [mask for _, mask in radiance]) if ev is None else 2.0**ev
     shown = [_shown(*one, frame, light, background, gain) for one, frame in zip(radiance, frames, strict=True)]
-    return Drawn(shown, math.log2(gain))
+    return shown, math.log2(gain)
 
 
 def write_pictures(path: Path, pictures: Sequence[np.ndarray], *, seconds: float) -> None:
