@@ -26,46 +26,43 @@ from ia_bench.common.progress import Progress
 from ia_bench.runs.cells import TableRequest, make_cells, write_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, slug
-from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS, Local
+from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS
 from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import refuse_own
 
 OWN = ("table", "rows", "scenes", "seeds", "jobs", "launcher")
 """What the command line says of the table itself; all else goes to every cell."""
 SETTINGS = tuple(field.name for field in fields(RunConfig) if field.name != "command")
-DIGITS = 18  # of a seed or of jobs: below 2^63
 
 
 def parse(arguments: Sequence[str]) -> TableRequest:
     """Tell the table's own arguments from overrides. Raises InputError for a value that is no name or number."""
-    own: dict[str, str] = {}
-    overrides, launcher = [], []
+    own, overrides = [], []
     for argument in arguments:
-        key, separator, value = argument.partition("=")
+        key, separator, _ = argument.partition("=")
+        first = key.lstrip("+~").split(".")[0]
         if not separator:
             raise InputError(f"expected SETTING=VALUE, found '{argument}'; --help says more")
-        first = key.lstrip("+~").split(".")[0]
-        if key.startswith("launcher."):
-            launcher.append(argument)
-        elif key in OWN:
-            own[key] = value
+        if key in OWN or key.startswith("launcher."):
+            own.append(argument)
         elif first in SETTINGS:
             refuse_own(argument)
             overrides.append(argument)
         else:
             raise InputError(unknown("setting", first, sorted((*OWN, *SETTINGS))))
-    found: dict[str, Any] = {key: own[key] for key in ("table", "rows") if key in own}
-    if "scenes" in own:
-        found["scenes"] = tuple(own["scenes"].split(","))
-    if "seeds" in own:
-        numbers = own["seeds"].split(",")
-        found["seeds"] = tuple(_whole("seeds", number, 0, "whole numbers with commas between") for number in numbers)
-    if own.get("jobs", "auto") != "auto":
-        found["jobs"] = _whole("jobs", own["jobs"], 1, "a whole number")
-    found["launcher"] = _launcher(own.get("launcher", "local"), launcher)
-    if getattr(found["launcher"], "gpus", 0) and not any(text.startswith("device=") for text in overrides):
+    name = next((text.partition("=")[2] for text in reversed(own) if text.startswith("launcher=")), "local")
+    if name not in LAUNCHERS:
+        raise InputError(unknown("launcher", name, list(LAUNCHERS)))
+    kind = LAUNCHERS[name]
+    if kind.extra is not None and find_spec(kind.extra) is None:
+        install = f"pip install 'ia_bench[{kind.extra}]', or -e '.[{kind.extra}]' in the checkout"
+        raise InputError(f"launcher={name} needs an extra: {install}")
+    request: Any = make_dataclass("Request", [("launcher", kind, field(default_factory=kind))], bases=(TableRequest,), frozen=True)
+    own = [text for text in own if not text.startswith("launcher=") and text != "jobs=auto"]  # which is None
+    found = TableRequest(**vars(read_arguments(request, own)))
+    if getattr(found.launcher, "gpus", 0) and not any(text.startswith("device=") for text in overrides):
         overrides.append("device=cuda")
-    return TableRequest(**found, overrides=tuple(overrides))
+    return replace(found, overrides=tuple(overrides))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -107,19 +104,6 @@ def make_table(request: TableRequest) -> int:
     return FAULT if wrong else OK
 
 
-def _launcher(name: str, arguments: Sequence[str]) -> Local:
-    """The launcher that ``launcher=NAME`` and ``launcher.SETTING=VALUE`` mean."""
-    if name not in LAUNCHERS:
-        raise InputError(unknown("launcher", name, list(LAUNCHERS)))
-    kind = LAUNCHERS[name]
-    holder: Any = make_dataclass("Arguments", [("launcher", kind, field(default_factory=kind))])
-    launcher: Local = read_arguments(holder, arguments).launcher
-    if kind.extra is not None and find_spec(kind.extra) is None:
-        install = f"pip install 'ia_bench[{kind.extra}]', or -e '.[{kind.extra}]' in the checkout"
-        raise InputError(f"launcher={name} needs an extra: {install}")
-    return launcher
-
-
 def _usage() -> str:
     """The help, which ends with the settings of every launcher and their defaults."""
     lines = [f"{(__doc__ or '').rstrip()}\n\nSettings launcher.*, described in docs/clusters.md"]
@@ -127,9 +111,3 @@ def _usage() -> str:
         shown = [f"{key}={'null' if value is None else value}" for key, value in settings_of(kind)]
         lines.append(fill(" ".join(shown), 118, initial_indent=f"  {name:<16}", subsequent_indent=" " * 18))
     return "\n".join(lines)
-
-
-def _whole(key: str, text: str, least: int, what: str) -> int:
-    if not (text.isascii() and text.isdecimal()) or len(text) > DIGITS or int(text) < least:
-        raise InputError(f"{key}={text:.100}: expected {what}, from {least} on and of at most {DIGITS} digits")
-    return int(text)

@@ -21,8 +21,8 @@ T = TypeVar("T")
 def read_arguments(kind: type[T], arguments: Sequence[str]) -> T:
     """KEY=VALUE arguments as the dataclass ``kind``; keys of a dataclass inside it are dotted.
 
-    Values are YAML, which has lists, tables and null; texts and paths are taken as they are. Raises InputError naming the key
-    that is unknown, missing, has no value, or has one that its annotation does not take.
+    Values are YAML, which has lists, tables and null; texts and paths are taken as they are, and tuples with commas between.
+    Raises InputError naming the key that is unknown, missing, has no value, or has one that its annotation does not take.
     """
     content: dict[str, Any] = {}
     for argument in arguments:
@@ -39,6 +39,10 @@ def read_arguments(kind: type[T], arguments: Sequence[str]) -> T:
         hint = hints.get(last)
         kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
         literal = (Path in kinds or str in kinds) and text not in ("null", "~")
+        several = next((get_args(one) for one in kinds if get_origin(one) is tuple), None)
+        if several and not text.startswith("["):
+            table[last] = [part if str in several else _value(part) for part in text.split(",")]
+            continue
         table[last] = str(Path(text).expanduser()) if literal and Path in kinds else text if literal else _value(text)
     return parsed(kind, content)
 

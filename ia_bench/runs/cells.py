@@ -16,7 +16,9 @@ from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from statistics import fmean
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
@@ -47,8 +49,8 @@ class TableRequest:
 
     table: str = "paper"
     scenes: tuple[str, ...] | None = None
-    seeds: tuple[int, ...] | None = None
-    jobs: int | None = None
+    seeds: tuple[Annotated[int, Field(ge=0, lt=2**63)], ...] | None = None
+    jobs: Annotated[int, Field(ge=1)] | None = None
     overrides: tuple[str, ...] = ()
     launcher: Local = field(default_factory=Local)
     rows: str | None = None
