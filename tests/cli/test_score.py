@@ -19,7 +19,14 @@ from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
 from ia_bench.runs.recovered import Rescorer
 
-SMALL = ["protocol.map_points=2", "protocol.render_points=2", "protocol.samples_per_pixel=8", "device=cpu", "threads=1"]
+SMALL = [
+    "protocol=paper-v2",
+    "protocol.map_points=2",
+    "protocol.render_points=2",
+    "protocol.samples_per_pixel=8",
+    "device=cpu",
+    "threads=1",
+]
 
 
 def metrics(folder: Path) -> dict[str, dict[str, float]]:
