@@ -105,15 +105,7 @@ class RunFolder:
         if not os.path.lexists(path):
             return None
         try:
-            import torch
-
-            content, start = path.read_bytes(), len(MAGIC) + DIGEST
-            if content[:start] != MAGIC + hashlib.sha256(memoryview(content)[start:]).hexdigest().encode():
-                raise ValueError("it is damaged")
-            saved = torch.load(io.BytesIO(content[start:]), map_location="cpu", weights_only=True)
-            if saved["code"] != _code() or saved["config_hash"] != self.config_hash:
-                raise ValueError("another version of the code wrote it, or it belongs to another configuration")
-            state = dict(saved["state"])
+            state = unpack(path, self.config_hash)
         except Exception as error:  # torch.load raises whatever a file leads it to
             self._note(f"{path}: checkpoint ignored, starting over ({first_line(error)})")
             return None
@@ -284,6 +276,19 @@ def pack(state: dict[str, Any], config_hash: str) -> bytes:
     buffer = io.BytesIO()
     torch.save({"code": _code(), "config_hash": config_hash, "state": state}, buffer)
     return MAGIC + hashlib.sha256(buffer.getbuffer()).hexdigest().encode() + buffer.getbuffer()
+
+
+def unpack(path: Path, config_hash: str) -> dict[str, Any]:
+    """The state in a checkpoint file. Raises ValueError for one that is damaged, of another configuration or of other code."""
+    import torch
+
+    content, start = path.read_bytes(), len(MAGIC) + DIGEST
+    if content[:start] != MAGIC + hashlib.sha256(memoryview(content)[start:]).hexdigest().encode():
+        raise ValueError("it is damaged")
+    saved = torch.load(io.BytesIO(content[start:]), map_location="cpu", weights_only=True)
+    if saved["code"] != _code() or saved["config_hash"] != config_hash:
+        raise ValueError("another version of the code wrote it, or it belongs to another configuration")
+    return dict(saved["state"])
 
 
 @cache
