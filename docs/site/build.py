@@ -1,20 +1,28 @@
 """``make docs``: lay out every document of the repository, with the files that they link to, and let MkDocs make a site of them.
 
 Paths stay as they are in the repository, so that a link that works there works on the site; a link that leads nowhere fails the
-build. Files that are no documents (a table, a picture, a module) are linked as they are.
+build, and so does a document that is neither in the navigation nor part of the log. Files that are no documents (a table, a
+picture, a module) are linked as they are. The tables of settings are made here (``settings.py``).
 """
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import settings
+
 ROOT = Path(__file__).resolve().parents[2]
 TOP = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
 FOLDERS = ("docs", "datasets", "examples", "baselines", "training", "ia_bench")
+SETTINGS = Path("docs/settings.md")
+FOUND = ("cite", "prior", "gpu", "licence")
+"""Words that a reader types into the search box, each of which a heading answers."""
+
 LINK = re.compile(r"\]\(([^()\s#]+)[^()\s]*\)")
 
 
@@ -30,6 +38,13 @@ def linked(document: Path) -> list[Path]:
     return [path.resolve() for path in targets if path.is_file() and path.suffix != ".md"]
 
 
+def unanswered(site: Path) -> list[str]:
+    """The words of ``FOUND`` that no heading in the search index of a built site holds."""
+    index = json.loads((site / "search" / "search_index.json").read_text(encoding="utf-8"))
+    headings = " ".join(section["title"].lower() for section in index["docs"])
+    return [word for word in FOUND if not re.search(rf"\b{word}s?\b", headings)]
+
+
 def main(root: Path = ROOT) -> int:
     """Build the site of the repository ``root`` into its results/docs and return MkDocs's exit status.
 
@@ -42,10 +57,15 @@ def main(root: Path = ROOT) -> int:
         place = stage / path.relative_to(root)
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, place)
+    if (stage / SETTINGS).is_file():
+        (stage / SETTINGS).write_text((root / SETTINGS).read_text(encoding="utf-8") + "\n" + settings.page(root), encoding="utf-8")
     command = [sys.executable, "-m", "mkdocs", "build", "--config-file", str(site / "mkdocs.yml")]
     ended = subprocess.run(command, cwd=root, capture_output=True, text=True)
     said = ended.stderr.splitlines()
     print("\n".join(line for line in said if ended.returncode and not line.startswith("INFO")), file=sys.stderr)
+    if not ended.returncode and (words := unanswered(root / "results" / "docs")):
+        print(f"search: expected a heading with each of {', '.join(FOUND)}, found none with {', '.join(words)}", file=sys.stderr)
+        return 1
     return ended.returncode
 
 

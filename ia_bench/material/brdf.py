@@ -2,7 +2,7 @@
 
 ``f = albedo / pi + D G F / (4 (n.o)(n.i))`` with the GGX distribution, alpha = roughness^2, the *height-correlated*
 Smith term (Heitz 2014), and Schlick's Fresnel with F0 = 0.04. There is no energy compensation and no coupling between
-the lobes (a Principled BSDF takes from the diffuse part what the coat reflects; docs/forward_check.md measures that).
+the lobes (a Principled BSDF takes from the diffuse part what the coat reflects; docs/verification.md measures that).
 Vectors are unit length with a last axis of 3; roughness and cosines have a last axis of 1 or none, and broadcast.
 """
 

@@ -87,7 +87,7 @@ class ScaleAmbiguityStep:
     """Adam on c (3,), one log factor a channel: the albedo is multiplied by exp(-c), the light by exp(c).
 
     Images of a matt object cannot tell (albedo k, light / k) from (albedo, light).
-    The diffuse part of an image stays as it is, so only highlights and interreflections tell c (docs/stiffness.md). Steps of
+    The diffuse part of an image stays as it is, so only highlights and interreflections tell c (docs/log/stiffness.md). Steps of
     the albedo and of the light of their own never find it: where one has moved and the other has not, the image is wrong first.
     The gradient along c follows from those of the two tensors, which the backward pass has anyway.
 
