@@ -61,8 +61,8 @@ def main(root: Path = ROOT) -> int:
         (stage / SETTINGS).write_text((root / SETTINGS).read_text(encoding="utf-8") + "\n" + settings.page(root), encoding="utf-8")
     command = [sys.executable, "-m", "mkdocs", "build", "--config-file", str(site / "mkdocs.yml")]
     ended = subprocess.run(command, cwd=root, capture_output=True, text=True)
-    said = ended.stderr.splitlines()
-    print("\n".join(line for line in said if ended.returncode and not line.startswith("INFO")), file=sys.stderr)
+    if ended.returncode:
+        print("\n".join(line for line in ended.stderr.splitlines() if not line.startswith("INFO")), file=sys.stderr)
     if not ended.returncode and (words := unanswered(root / "results" / "docs")):
         print(f"search: expected a heading with each of {', '.join(FOUND)}, found none with {', '.join(words)}", file=sys.stderr)
         return 1

@@ -62,6 +62,7 @@ def table(found: list[Setting]) -> list[str]:
 
 
 def code(text: str) -> str:
+    """The text as a span of code in a cell of a table."""
     return "`" + text.replace("|", "\\|") + "`" if text else ""
 
 
@@ -126,15 +127,17 @@ def kind(root: Path, module: str, annotation: ast.expr) -> str:
     """What values are allowed: names, a range, or nothing where any of the default's type is."""
     text = ast.unparse(annotation)
     for name in set(re.findall(r"\b[A-Z]\w+", text)) - {"Annotated", "Field", "Literal", "None", "Path"}:
-        if (place := origin(root, module, name)) and (meant := alias(root, *place.split(":"))):
+        if (place := origin(root, module, name)) and (meant := aliases(root, place.partition(":")[0]).get(name)):
             text = re.sub(rf"\b{name}\b", meant, text)
     text = re.sub(r"Literal\[(.*?)\]", lambda found: found[1].replace("'", ""), text)
     text = re.sub(r"Annotated\[(int|float), Field\((.*?)\)\]", lambda found: bounds(found[2]), text)
-    return "" if re.search(r"Annotated|bool|str|dict|list|tuple|int|float|Sequence", text) else text.replace(" | None", ", null").replace(" | ", ", ")
+    if re.search(r"Annotated|bool|str|dict|list|tuple|int|float|Sequence", text):
+        return ""
+    return text.replace(" | None", ", null").replace(" | ", ", ")
 
 
 def bounds(text: str) -> str:
-    """"ge=0, le=1" as "0 ... 1"."""
+    """The bounds "ge=0, le=1" as "0 ... 1"."""
     ends = dict(re.findall(r"(g[et]|l[et])=([^,]+)", text))
     least = ends.get("ge") or f"above {ends['gt']}"
     most = ends.get("le", "")
@@ -161,10 +164,12 @@ def plain(text: str) -> str:
 
 @cache
 def tree(root: Path, module: str) -> ast.Module:
+    """A module, parsed."""
     return ast.parse((root / (module.replace(".", "/") + ".py")).read_text(encoding="utf-8"))
 
 
 def of_class(root: Path, module: str, name: str) -> ast.ClassDef:
+    """A class of a module."""
     return next(node for node in tree(root, module).body if isinstance(node, ast.ClassDef) and node.name == name)
 
 
@@ -175,10 +180,6 @@ def origin(root: Path, module: str, name: str) -> str:
             return f"{node.module}:{name}" if str(node.module).startswith("ia_bench") else ""
     own = {node.name for node in tree(root, module).body if isinstance(node, ast.ClassDef)} | set(aliases(root, module))
     return f"{module}:{name}" if name in own else ""
-
-
-def alias(root: Path, module: str, name: str) -> str:
-    return aliases(root, module).get(name, "")
 
 
 def aliases(root: Path, module: str) -> dict[str, str]:

@@ -1,0 +1,94 @@
+"""``make docs`` fails on a broken link, an orphaned page and a word that search does not find; its page of settings is complete."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from ia_bench.common.settings import flat
+from ia_bench.runs.composition import compose
+
+ROOT = Path(__file__).resolve().parents[2]
+SITE = ROOT / "docs" / "site"
+PYTHON = ROOT / ".venv-docs" / "bin" / "python"  # made by `make docs`, which CI runs before the tests
+HEADINGS = "# Start\n\n## What to cite\n\n## A prior\n\n## A GPU\n\n## The licence\n\n[the log](docs/log/a.md)\n"
+needs_mkdocs = pytest.mark.skipif(not PYTHON.exists(), reason="`make docs` has made no .venv-docs here")
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """A project of two pages, one of them in the log, with the configuration of the real one but for its navigation."""
+    (tmp_path / "docs" / "site").mkdir(parents=True)
+    for file in ("wide.css", "iframe-worker.js"):
+        shutil.copy(SITE / file, tmp_path / "docs" / "site")
+    shared, _, _ = (SITE / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")
+    (tmp_path / "docs" / "site" / "mkdocs.yml").write_text(f"{shared}\nnav:\n  - README.md\n", encoding="utf-8")
+    write(tmp_path / "README.md", HEADINGS)
+    write(tmp_path / "docs" / "log" / "a.md", "# A log\n")
+    return tmp_path
+
+
+def write(path: Path, text: str) -> None:
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+def build(root: Path) -> tuple[int, str]:
+    done = subprocess.run([PYTHON, SITE / "build.py", root], capture_output=True, text=True, env={"NO_MKDOCS_2_WARNING": "1"})
+    return done.returncode, done.stderr
+
+
+@needs_mkdocs
+def test_a_sound_project_is_built(root: Path) -> None:
+    assert build(root) == (0, "")
+    assert (root / "results" / "docs" / "docs" / "log" / "a.html").is_file()
+
+
+@needs_mkdocs
+@pytest.mark.parametrize(
+    ("page", "text", "said"),
+    [
+        ("README.md", HEADINGS + "\n[nothing](docs/nothing.md)\n", "'docs/nothing.md'"),
+        ("README.md", HEADINGS + "\n[nowhere](#nowhere)\n", "'#nowhere'"),
+        ("docs/orphan.md", "# Nobody links here\n", "docs/orphan.md"),
+        ("README.md", HEADINGS.replace("GPU", "card"), "found none with gpu"),
+    ],
+    ids=["broken link", "broken anchor", "orphaned page", "word that search does not find"],
+)
+def test_a_mistake_fails_the_build(root: Path, page: str, text: str, said: str) -> None:
+    write(root / page, text)
+    status, errors = build(root)
+    assert status != 0
+    assert said in errors
+
+
+def test_every_page_of_the_log_is_reached_from_its_first() -> None:
+    log = ROOT / "docs" / "log"
+    linked = set(re.findall(r"\]\(([\w-]+\.md)\)", (log / "README.md").read_text(encoding="utf-8")))
+    assert {path.name for path in log.glob("*.md")} - {"README.md"} <= linked
+
+
+@pytest.fixture
+def tables(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    monkeypatch.syspath_prepend(SITE)
+    import settings
+
+    yield settings.page(ROOT)
+    sys.modules.pop("settings")
+
+
+def test_the_page_of_settings_has_every_setting_with_its_meaning(tables: str) -> None:
+    """Those of a run that chooses nothing, as ``--cfg job`` prints them; names and classes are choices and no settings."""
+    lines = dict(re.findall(r"^\| `([\w.]+)` \|.*\| (.*) \|$", tables, re.MULTILINE))
+    config = {key: value for key, value in asdict(compose([])).items() if key != "command"}
+    keys = {key.replace("method.options.", "fit.") for key in flat(config)}
+    choices = {key for key in keys if re.fullmatch(r"(scene|reader|prior|method|coupling)\.(name|path|target)|preset|fit", key)}
+    assert not {key for key in keys - choices - lines.keys() if not key.endswith("options")}
+    assert not [key for key, meaning in lines.items() if not meaning.strip()]
