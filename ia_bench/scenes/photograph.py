@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -186,9 +187,20 @@ def in_srgb(path: Path, picture: Image.Image, notice: Callable[[str], None]) -> 
     content = picture.info.get("icc_profile")
     if not content:
         return picture
-    name, transform = _transform(content)
-    if transform is not None and not _moves_colours(transform):
-        return picture
+    name, transform = "(damaged)", None
+    with suppress(OSError, ValueError, ImageCms.PyCMSError):  # of a profile that is damaged, or not one of red, green and blue
+        profile = ImageCms.ImageCmsProfile(BytesIO(content))
+        name, srgb = (
+            shown(ImageCms.getProfileDescription(profile).strip()),
+            ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")),
+        )
+        transform = ImageCms.ImageCmsTransform(profile, srgb, "RGB", "RGB", ImageCms.Intent.RELATIVE_COLORIMETRIC)
+    if transform is not None:  # whether colours change; names of profiles do not tell, as there is a "linear sRGB", too
+        levels = np.linspace(0, 255, 6).astype(np.uint8)
+        probe = np.stack(np.meshgrid(levels, levels, levels), -1).reshape(6, 36, 3)
+        moved = np.asarray(transform.apply(Image.fromarray(probe))).astype(int) - probe.astype(int)
+        if np.abs(moved).max() <= PROFILE_ROUNDING:
+            return picture
     if transform is None or picture.mode not in CONVERTED:
         notice(f"{path}: its colour profile {name} {IGNORED}")
         return picture
@@ -196,26 +208,6 @@ def in_srgb(path: Path, picture: Image.Image, notice: Callable[[str], None]) -> 
     turned = transform.apply(straight.convert("RGB"))
     turned.putalpha(straight.getchannel("A"))
     return turned
-
-
-def _transform(content: bytes) -> tuple[str, ImageCms.ImageCmsTransform | None]:
-    """A profile's name, and what turns its colours into sRGB: None where it is not one of red, green and blue, or damaged."""
-    name = "(damaged)"
-    try:
-        profile = ImageCms.ImageCmsProfile(BytesIO(content))
-        name = shown(ImageCms.getProfileDescription(profile).strip())
-        srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB"))
-        return name, ImageCms.ImageCmsTransform(profile, srgb, "RGB", "RGB", ImageCms.Intent.RELATIVE_COLORIMETRIC)
-    except (OSError, ValueError, ImageCms.PyCMSError):
-        return name, None
-
-
-def _moves_colours(transform: ImageCms.ImageCmsTransform) -> bool:
-    """Whether colours change by more than rounding; names of profiles do not tell, as there is a "linear sRGB", too."""
-    levels = np.linspace(0, 255, 6).astype(np.uint8)
-    probe = np.stack(np.meshgrid(levels, levels, levels), -1).reshape(6, 36, 3)
-    turned = np.asarray(transform.apply(Image.fromarray(probe)))
-    return bool(np.abs(turned.astype(int) - probe.astype(int)).max() > PROFILE_ROUNDING)
 
 
 # ---------------------------------------------------------------- arrays of numpy
