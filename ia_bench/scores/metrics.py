@@ -6,7 +6,11 @@ A new metric is a function, and one line in :data:`METRICS`: it is then computed
 from __future__ import annotations
 
 import functools
+import socket
+import sys
+import warnings
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack, redirect_stdout
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
@@ -165,10 +169,9 @@ if TYPE_CHECKING:
     import lpips as lpips_package
     from torch import Tensor
 
-    from ia_bench.scores.lpips_networks import SqueezeLpips
-
 SHIPPED = {"squeeze": PACKAGE / "scores" / "weights" / "lpips_squeeze.safetensors"}  # networks that need no download
 SMALLEST = 32  # pixels; AlexNet's deepest features vanish below 31
+DOWNLOAD_SECONDS = 10.0  # of silence before a download is given up
 
 
 def lpips(pair: Compared) -> float:
@@ -204,13 +207,13 @@ def layer_distances(predicted: np.ndarray, true: np.ndarray, settings: LpipsSett
         raise Undefined(network)
 
     import torch
+    from lpips import normalize_tensor
 
     batch = torch.from_numpy(np.stack([predicted, true]).astype(np.float32)).permute(0, 3, 1, 2)
     with process_state_kept(), torch.inference_mode():
         torch.set_num_threads(1)  # on a busy machine, threads of a small network that wait for each other cost a hundred times more
         layers = zip(network.lins, network.net(network.scaling_layer(2 * batch - 1)), strict=True)
-        normed = ((head, values / (values.square().sum(1, keepdim=True).sqrt() + 1e-10)) for head, values in layers)
-        pairs = ((head, *values.split(1)) for head, values in normed)
+        pairs = ((head, *normalize_tensor(features).split(1)) for head, features in layers)
         return [head((one - other) ** 2) for head, one, other in pairs]
 
 
@@ -221,25 +224,36 @@ def check_weights(settings: LpipsSettings) -> None:
 
 
 @functools.cache
-def load(settings: LpipsSettings) -> lpips_package.LPIPS | SqueezeLpips | str:
+def load(settings: LpipsSettings) -> lpips_package.LPIPS | str:
     """Return the network, or the reason why there is none. Tried once per process, for a failed download is slow."""
-    from safetensors import SafetensorError
-    from safetensors.torch import load_file
-
-    from ia_bench.scores.lpips_networks import SqueezeLpips, of_package
-
-    weights = settings.weights or SHIPPED.get(settings.net)
-    if weights is None:
-        return of_package(settings, own=True)
     try:
-        if settings.net == "squeeze":
-            return SqueezeLpips(load_file(weights))
-        network = of_package(settings, own=False)
-        if not isinstance(network, str):
+        from ia_bench.common.torchvision_shim import import_torchvision
+
+        import_torchvision()
+        import lpips as package
+        import torch
+    except Exception as error:  # a broken installation raises anything, and costs this one metric only
+        return f"the lpips package cannot be imported: {first_line(error)}"
+    weights = settings.weights or SHIPPED.get(settings.net)
+    own = weights is None
+    try:
+        # Random weights are drawn before ours are read; torch.hub chats on stdout, warns, and waits for minutes.
+        with process_state_kept(), redirect_stdout(sys.stderr), warnings.catch_warnings(), ExitStack() as afterwards:
+            warnings.simplefilter("ignore", UserWarning)
+            afterwards.callback(socket.setdefaulttimeout, socket.getdefaulttimeout())
+            socket.setdefaulttimeout(DOWNLOAD_SECONDS)
+            network = package.LPIPS(net=settings.net, spatial=True, pnet_rand=not own, pretrained=own, verbose=False)
+    except (OSError, RuntimeError) as error:  # no connection; a download that does not match its checksum
+        return f"weights of lpips net {settings.net} are not cached and cannot be downloaded: {first_line(error)}"
+    if weights is not None:
+        from safetensors import SafetensorError
+        from safetensors.torch import load_file
+
+        try:
             network.load_state_dict(load_file(weights), strict=True)
-    except (OSError, RuntimeError, SafetensorError) as error:
-        return f"{weights} is no full state dict of lpips net {settings.net}: {first_line(error)}"
-    return network
+        except (OSError, RuntimeError, SafetensorError) as error:
+            return f"{weights} is no full state dict of lpips net {settings.net}: {first_line(error)}"
+    return network.to(memory_format=torch.channels_last).eval().requires_grad_(False)
 
 
 # ---- the metrics as data: scores, tables and figures follow it ----

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import urllib.error
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from skimage.draw import disk
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.scores import metrics as perceptual
-from ia_bench.scores.lpips_networks import DOWNLOAD_SECONDS
 from ia_bench.scores.metrics import Compared, NoScoredPixel, Undefined
 from ia_bench.scores.protocol import LpipsSettings, Protocol
 
@@ -79,7 +77,7 @@ def test_without_internet_there_is_a_reason_and_it_is_remembered(monkeypatch: py
     attempts = []
 
     def unreachable(*_: object, **__: object) -> None:
-        attempts.append(socket.getdefaulttimeout())
+        attempts.append(perceptual.socket.getdefaulttimeout())
         raise urllib.error.URLError("Name or service not known")
 
     monkeypatch.setenv("TORCH_HOME", str(tmp_path))  # nothing cached
@@ -87,5 +85,5 @@ def test_without_internet_there_is_a_reason_and_it_is_remembered(monkeypatch: py
     for _ in range(2):
         with pytest.raises(Undefined, match="net alex are not cached and cannot be downloaded: .*not known"):
             distance(GUESS, settings=LpipsSettings(net="alex"))
-    assert attempts == [DOWNLOAD_SECONDS]
-    assert socket.getdefaulttimeout() is None
+    assert attempts == [perceptual.DOWNLOAD_SECONDS]
+    assert perceptual.socket.getdefaulttimeout() is None
