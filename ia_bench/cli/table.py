@@ -82,7 +82,9 @@ def make_table(request: TableRequest) -> int:
     except InputError as error:
         raise InputError(f"table {request.name}: {error}") from None
     launcher = request.launcher
-    jobs, threads = launcher.jobs_and_threads(request.jobs, compose(request.overrides, here=launcher.here).device)
+    config = compose(request.overrides, here=launcher.here)
+    jobs, threads = launcher.jobs_and_threads(request.jobs, config.device)
+    threads = config.threads or threads
     results = Path("results", slug(request.name))
     broken: list[str] = []
     cells = make_cells(table, request, threads, results, broken.append)
