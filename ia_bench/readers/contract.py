@@ -92,7 +92,16 @@ def check_scene(scene: object, *, truth: bool) -> Scene:
         return replace(scene, truth=Truth(lights={})) if truth else scene
     if not truth:
         raise InputError(f"{scene.source}: expected no truth, which was not asked for, found some")
-    _check_truth(scene.source, scene.truth)
+    for name, light in scene.truth.lights.items():
+        where, height = f"{scene.source}: light {shown(name)}", light.shape[0] if light.ndim == 3 else 0
+        _check_array(where, light, (height, 2 * height, 3), 0, BRIGHTEST, slack=0)
+        if not light.any():
+            raise InputError(f"{where}: expected radiance above 0 somewhere, found none")
+    for name, channels in (("albedo", 3), ("roughness", 1)):
+        texture = getattr(scene.truth, name)
+        if texture is not None:
+            side = texture.shape[:1] * 2
+            _check_array(f"{scene.source}: true {name} texture", texture, (*side, 3) if channels == 3 else side, 0, 1)
     return scene
 
 
@@ -160,19 +169,6 @@ def _check_numbers(where: str, value: object, least: float, most: float, count: 
     if len(many) != max(count, 1) or not all(isinstance(one, kinds) and least <= one <= most for one in many):
         words = f"{count} numbers" if count else "a number" if kinds is NUMBERS else "a whole number"
         raise InputError(f"{where}: expected {words} from {least:g} to {most:g}, found {shown(repr(value))}")
-
-
-def _check_truth(where: str, truth: Truth) -> None:
-    for name, light in truth.lights.items():
-        height = light.shape[0] if light.ndim == 3 else 0
-        _check_array(f"{where}: light {shown(name)}", light, (height, 2 * height, 3), 0, BRIGHTEST, slack=0)
-        if not light.any():
-            raise InputError(f"{where}: light {shown(name)}: expected radiance above 0 somewhere, found none")
-    for name, channels in (("albedo", 3), ("roughness", 1)):
-        texture = getattr(truth, name)
-        if texture is not None:
-            side = texture.shape[:1] * 2
-            _check_array(f"{where}: true {name} texture", texture, (*side, 3) if channels == 3 else side, 0, 1)
 
 
 def _check_array(

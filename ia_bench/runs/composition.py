@@ -44,7 +44,16 @@ def register(overrides: Sequence[str]) -> None:
     for kind in registry.KINDS:
         if kind == "regulariser":
             continue  # no group: fit.regularise has a list of their names
-        for plugin in [*registry.installed(kind).values(), *_named_plugins(kind, overrides)]:
+        named = [text.partition("=")[2].strip("'\" ") for text in overrides if text.partition("=")[0] == kind]
+        for value in named:
+            module, _, attribute = value.partition(":")
+            if os.sep in module or module.endswith(".py"):
+                path = Path(module)
+                raise InputError(
+                    f"{kind}={value}: expected a name or module:Class, found a path: PYTHONPATH={path.parent} makes it "
+                    f"{kind}={path.stem}:{attribute or 'Class'}"
+                )
+        for plugin in [*registry.installed(kind).values(), *(registry.find(kind, value) for value in named if ":" in value)]:
             store.store(group=kind, name=plugin.name, node=OmegaConf.create({"name": plugin.name, "target": plugin.target}))
 
 
@@ -107,17 +116,3 @@ def explain(error: Exception) -> str:
         key = several[1].removeprefix("++")
         return f"{key}: expected one value; several runs are a table: ia-bench table seeds=0,1 scenes=hat,ship"
     return text
-
-
-def _named_plugins(kind: registry.Kind, overrides: Sequence[str]) -> list[registry.Plugin]:
-    """Plugins written as ``kind=module:attribute``. Raises InputError for a file in place of the module."""
-    values = [text.partition("=")[2].strip("'\" ") for text in overrides if text.partition("=")[0] == kind]
-    for value in values:
-        module, colon, attribute = value.partition(":")
-        if os.sep in module or module.endswith(".py"):
-            path = Path(module)
-            raise InputError(
-                f"{kind}={value}: expected a name or module:Class, found a path: PYTHONPATH={path.parent} makes it "
-                f"{kind}={path.stem}:{attribute or 'Class'}"
-            )
-    return [registry.find(kind, target) for target in values if ":" in target]

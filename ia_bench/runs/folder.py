@@ -19,7 +19,7 @@ import os
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -27,6 +27,7 @@ from typing import Any, BinaryIO
 from ia_bench.common.atomic_file import LEFTOVERS, whole_file
 from ia_bench.common.errors import Fault, InputError, first_line
 from ia_bench.common.paths import PACKAGE
+from ia_bench.common.settings import parsed
 from ia_bench.runs.interruption import end_if_asked
 from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup, damaged_file, digest_of, finished_record, json_bytes
 
@@ -157,7 +158,11 @@ class RunFolder:
         if record.status == "ok":
             files = sorted(self._written - {CONFIG, METRICS_FILE})
             record = replace(record, files={name: digest_of(self.path / name) or "" for name in files})
-        self.write_bytes(METRICS_FILE, record.as_json())
+        try:
+            parsed(RunRecord, content := asdict(record))
+        except InputError as error:
+            raise Fault(f"{METRICS_FILE}: {error}") from None
+        self.write_bytes(METRICS_FILE, json_bytes(METRICS_FILE, content))
         if record.status == "ok":
             self.drop_checkpoint()
         return record

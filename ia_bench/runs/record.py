@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,7 +18,7 @@ from pydantic import ConfigDict, Field
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.files import read_json
 from ia_bench.common.ranges import Name
-from ia_bench.common.settings import parsed, parsed_file
+from ia_bench.common.settings import parsed_file
 from ia_bench.methods.monitor import NOT_OF_THE_ROW
 
 METRICS_FILE = "metrics.json"
@@ -132,15 +132,6 @@ class RunRecord:
         if not os.path.lexists(path):
             raise FileNotFoundError(path)
         return parsed_file(cls, path, read_json(path), advice="; delete its folder to run again")
-
-    def as_json(self) -> bytes:
-        """What the file holds. Raises Fault for a value that no program can rely on: of another type, NaN or infinite."""
-        content = asdict(self)
-        try:
-            parsed(RunRecord, content)
-        except InputError as error:
-            raise Fault(f"{METRICS_FILE}: {error}") from None
-        return json_bytes(METRICS_FILE, content)
 
     def summary(self) -> str:
         """The means, one line per component, under the protocol that decides what they mean."""

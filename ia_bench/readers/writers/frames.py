@@ -34,7 +34,7 @@ from ia_bench.readers.writers.parts import (
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.images import straight
-from ia_bench.scenes.scene import Camera, Mesh, Scene, View
+from ia_bench.scenes.scene import Camera, Scene, View
 
 KNOWN = ("albedo", "roughness", "specular", "normal", "depth")
 VERTEX = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz", "u", "v"))
@@ -88,20 +88,16 @@ def write_native(folder: Path, scene: Scene) -> Options:
                 textures[name] = f"truth/{name}.png"
                 save_png(folder / textures[name], linear_to_srgb(texture.clip(0, 1)) if name == "albedo" else texture)
     if scene.mesh is not None:
-        _save_ply(folder / "mesh.ply", scene.mesh)
+        mesh = scene.mesh
+        head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(mesh.vertices)}\n{VERTEX}"
+        head += f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+        faces = np.zeros(len(mesh.faces), TRIANGLE)
+        faces["count"], faces["corners"] = 3, mesh.faces
+        vertices = np.concatenate([mesh.vertices, mesh.normals, mesh.uv], 1).astype("<f4")
+        (folder / "mesh.ply").write_bytes(head.encode() + vertices.tobytes() + faces.tobytes())
     about = {"schema": 1, "name": scene.name, "up": "z", "color_space": "linear_rec709", "metallic": scene.metallic}
     save_json(folder / "scene.json", {**about, "lights": lights, "truth_textures": textures})
     return {}
-
-
-def _save_ply(path: Path, mesh: Mesh) -> None:
-    counts = len(mesh.vertices), len(mesh.faces)
-    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {counts[0]}\n{VERTEX}"
-    head += f"element face {counts[1]}\nproperty list uchar int vertex_indices\nend_header\n"
-    faces = np.zeros(counts[1], TRIANGLE)
-    faces["count"], faces["corners"] = 3, mesh.faces
-    vertices = np.concatenate([mesh.vertices, mesh.normals, mesh.uv], 1).astype("<f4")
-    path.write_bytes(head.encode() + vertices.tobytes() + faces.tobytes())
 
 
 def write_nerfstudio(folder: Path, scene: Scene) -> Options:

@@ -82,11 +82,6 @@ def error_map(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray) -> np.n
     return np.where(count > 0, levels, OUTSIDE).astype(np.uint8)
 
 
-def error_sheet(maps: Sequence[np.ndarray]) -> str:
-    """Error maps below each other as a lossless WebP, for a script: a page from disk may not read pixels of other files."""
-    return _data_url(Image.fromarray(np.concatenate(maps)), lossless=True)
-
-
 def _webp(image: Image.Image, *, quality: int = EFFORT, lossless: bool = False) -> bytes:
     """A WebP; the ``quality`` of a lossless one is the effort that the encoder makes."""
     buffer = io.BytesIO()
@@ -179,7 +174,7 @@ def bundle(scene_renderer: SceneRenderer, true: Pictures, found: TexturedReconst
         if name in pictures.values and original in true.values:
             compared = zip(pictures.values[name], true.values[original], scene_renderer.masks[original], strict=True)
             maps = [error_map(*three) for three in compared]
-            errors[name], tile = error_sheet(maps), len(maps[0])
+            errors[name], tile = _data_url(Image.fromarray(np.concatenate(maps)), lossless=True), len(maps[0])
     solid = textures(*(part.detach().cpu().numpy() for part in (found.material.albedo, found.material.roughness[..., 0])))
     if "light" not in true.sheets and found.environment is not None:
         solid["light"] = light(LatLongEnvironment(found.environment.texels.detach().cpu()))
