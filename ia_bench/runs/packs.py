@@ -22,7 +22,7 @@ from ia_bench.common.files import read_json, shown, user_path
 from ia_bench.common.ranges import Name
 from ia_bench.common.registry import THE_COMMAND_LINE, named
 from ia_bench.common.settings import parsed, parsed_file
-from ia_bench.runs.config import NATIVE_READER, slug
+from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup, damaged_file, digest_of, json_bytes
 
 MANIFEST = "manifest.json"
@@ -165,10 +165,9 @@ def read_record(folder: Path) -> RunRecord:
 
 def check_reader(folder: Path) -> None:
     """Raise InputError for a run whose scene is read by code that is not installed here: a pack is to start none."""
-    reader = RunSetup.read(folder).config.get("reader", {})
-    target = str(reader.get("target", NATIVE_READER))
-    if named("reader", str(reader.get("name")), target).distribution == THE_COMMAND_LINE:
-        raise InputError(f"{folder / CONFIG}: reader: expected one that is installed here, found {shown(target)}")
+    reader = _config(folder).reader
+    if named("reader", reader.name, reader.target).distribution == THE_COMMAND_LINE:
+        raise InputError(f"{folder / CONFIG}: reader: expected one that is installed here, found {shown(reader.target)}")
 
 
 def packs_among(paths: Sequence[Path]) -> list[Path]:
@@ -183,12 +182,16 @@ def packs_among(paths: Sequence[Path]) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
+def _config(folder: Path) -> RunConfig:
+    return parsed_file(RunConfig, folder / CONFIG, RunSetup.read(folder).config, "config: ")
+
+
 def _brought(folder: Path) -> dict[str, Path]:
     """The pictures that a run of method=images has scored, by their names in its folder of a pack; nothing of other methods."""
-    method = RunSetup.read(folder).config.get("method", {})
-    if method.get("name") != "images":
+    method = _config(folder).method
+    if method.name != "images":
         return {}
-    options = method.get("options", {})
+    options = method.options
     root, order = user_path("method.options.path", str(options.get("path")), folder=True), options.get("order")
     pictures = [path for path in sorted(root.rglob("*")) if path.suffix in PICTURES and path.is_file()]
     found = {path.relative_to(root).as_posix(): path for path in pictures}

@@ -186,15 +186,6 @@ class RunSetup:
     config: dict[str, Any] = field(default_factory=dict)
     identity: dict[str, Any]
 
-    def __post_init__(self) -> None:
-        """Raise InputError where a part of the configuration that is asked for by name, or its options, is no table."""
-        for part in ("scene", "reader", "method", "prior", "capture"):
-            table = self.config.get(part, {})
-            options = table.get("options", {}) if isinstance(table, dict) else {}
-            for key, found in ((part, table), (f"{part}.options", options)):
-                if not isinstance(found, dict):
-                    raise InputError(f"config.{key}: expected a table, found {found!r:.100}")
-
     @classmethod
     def read(cls, folder: Path) -> RunSetup:
         """That of a run's folder. Raises InputError where there is none, or something else."""

@@ -24,9 +24,9 @@ from ia_bench.render.stage import Stage
 from ia_bench.runs.config import RunConfig, method_class, slug
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import hash_of, labels, scene_content, setup
-from ia_bench.runs.packs import BROUGHT_PICTURES, ORDER, ORDERS
+from ia_bench.runs.packs import BROUGHT_PICTURES, ORDER, ORDERS, read_record
 from ia_bench.runs.pictures.packing import write_pictures
-from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup
+from ia_bench.runs.record import CONFIG, METRICS_FILE, RunSetup
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
@@ -52,10 +52,7 @@ class Recovered:
 
     def __init__(self, folder: Path) -> None:
         """Raises InputError for a run without results, or whose files lack a key."""
-        try:
-            self.record = RunRecord.read(folder)
-        except FileNotFoundError as error:
-            raise InputError(f"{folder}: expected a run's {METRICS_FILE}, found none") from error
+        self.record = read_record(folder)
         if self.record.status != "ok":
             raise InputError(f"{folder / METRICS_FILE}: expected a finished run, found status {self.record.status!r}")
         self.folder, self.setup = folder, RunSetup.read(folder)

@@ -20,8 +20,7 @@ from run_folders import CONFIG, HASH, LABELS, good_content, good_record
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.runs import folder as checkpoint
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.record import CONFIG as CONFIG_FILE
-from ia_bench.runs.record import METRICS_FILE, RunRecord, RunSetup, finished_record
+from ia_bench.runs.record import METRICS_FILE, RunRecord, finished_record
 
 
 def test_failure_is_recorded_and_is_not_finished(folder: RunFolder) -> None:
@@ -267,19 +266,6 @@ def test_a_value_of_another_type_is_named_by_file_and_key(tmp_path: Path, change
     with pytest.raises(InputError) as caught:
         RunRecord.read(tmp_path)
     assert f"{tmp_path / METRICS_FILE}: {message}" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("config", "message"),
-    [
-        ({"reader": "x"}, "config.reader: expected a table, found 'x'"),
-        ({"method": {"options": [1]}}, "config.method.options: expected a"),
-    ],
-)
-def test_a_part_of_a_configuration_that_is_no_table_is_named(tmp_path: Path, config: dict, message: str) -> None:
-    (tmp_path / CONFIG_FILE).write_text(json.dumps({"config_hash": "0", "identity": {}, "config": config}))
-    with pytest.raises(InputError, match=f"{CONFIG_FILE}: expected the configuration of a run: {message}"):
-        RunSetup.read(tmp_path)
 
 
 def test_pipes_and_devices_are_refused_and_not_waited_for(tmp_path: Path) -> None:
