@@ -32,6 +32,8 @@ def say(text: str, stream: TextIO | None) -> None:
         return
     try:
         print(text, file=stream, flush=True)
+    except UnicodeEncodeError:  # a terminal that has not all letters
+        print(text.encode("ascii", "backslashreplace").decode(), file=stream, flush=True)
     except (OSError, ValueError):  # a full disk, a pipe that is closed at the other end, a closed file
         with suppress(OSError, ValueError), open(os.devnull, "w") as nowhere:  # else Python tries again when it ends, and ends
             os.dup2(nowhere.fileno(), stream.fileno())  # with a status of its own
