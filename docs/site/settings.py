@@ -159,7 +159,7 @@ def meanings(docstring: str) -> dict[str, str]:
 def plain(text: str) -> str:
     """A docstring's words as Markdown on one line."""
     text = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", " ".join(text.split()).replace("``", "`"))
-    return text.replace("|", "\\|").rstrip(";")
+    return re.sub(r"\bNone\b", "null", text).replace("|", "\\|").rstrip(";")
 
 
 @cache
