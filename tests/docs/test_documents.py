@@ -127,3 +127,10 @@ def test_blocks_that_name_a_file_show_it_as_it_is(document: Path) -> None:
     text = document.read_text(encoding="utf-8")
     for path, shown in re.findall(r"^```\w+\n# ([\w./-]+/[\w.-]+)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
         assert shown == (ROOT / path).read_text(encoding="utf-8"), f"{path} is another one now; show it as it is"
+
+
+@pytest.mark.parametrize("document", [path for path in CURRENT if path.name != "CHANGELOG.md"], ids=name)
+def test_documents_are_read_at_one_sitting(document: Path) -> None:
+    """At most 250 lines, the README 110: what is longer says things twice, or belongs into the log."""
+    lines = document.read_text(encoding="utf-8").count("\n")
+    assert lines <= (110 if document == ROOT / "README.md" else 250), f"{name(document)}: {lines} lines"
