@@ -134,3 +134,17 @@ def test_documents_are_read_at_one_sitting(document: Path) -> None:
     """At most 250 lines, the README 110: what is longer says things twice, or belongs into the log."""
     lines = document.read_text(encoding="utf-8").count("\n")
     assert lines <= (110 if document == ROOT / "README.md" else 250), f"{name(document)}: {lines} lines"
+
+
+def test_documents_that_code_names_exist() -> None:
+    """In messages, docstrings and comments: ``docs/NAME.md``, with a heading where one follows."""
+    folders = ("ia_bench", "conf", "baselines", "training", "benchmarks")
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".yaml", ".toml", ".sh")]
+    named = {found for path in files for found in re.findall(r"docs/[\w/-]+\.md(?:#[\w-]+)?", path.read_text(encoding="utf-8"))}
+    missing = []
+    for place, _, anchor in (text.partition("#") for text in named):
+        document = ROOT / place
+        if not document.is_file() or (anchor and anchor not in anchors(document)):
+            missing.append(f"{place}#{anchor}")
+    assert named
+    assert not missing, "\n".join(sorted(missing))
