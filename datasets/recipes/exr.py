@@ -29,6 +29,7 @@ STORAGE = {
     "train_specular": Storage(bits=6, level=200.0),
     "albedo": Storage(bits=6),
     "roughness": Storage(bits=6),
+    "metallic": Storage(bits=6),
     "normal": Storage(step=1 / 256),
     "depth": Storage(),
 }

@@ -9,6 +9,8 @@ import numpy as np
 from latlong import Radiance, rasterise
 from numpy.typing import NDArray
 from photographs import PREFIX, photographed_light
+from real import PREFIX as REAL_PREFIX
+from real import real_light
 
 BRIGHTNESS = 0.6
 """Mean luminance of every light over the sphere of directions."""
@@ -276,6 +278,8 @@ def make_light(name: str, height: int) -> NDArray[np.float32]:
     """
     if name.startswith(PREFIX):
         return photographed_light(name.removeprefix(PREFIX), height, BRIGHTNESS)
+    if name.startswith(REAL_PREFIX):
+        return real_light(name.removeprefix(REAL_PREFIX), height, BRIGHTNESS)
     if name not in MODELS:
         raise ValueError(f"light must be one of {', '.join(MODELS)}, got {name!r}")
     return rasterise(MODELS[name], height, BRIGHTNESS)

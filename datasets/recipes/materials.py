@@ -15,6 +15,9 @@ IOR = 1.5
 BAKE_SAMPLES = 16
 """Samples per texel: paint finer than a texel is averaged."""
 
+RANGE = {"colour": (0.02, 0.9), "roughness": (0.1, 0.95)}
+"""What textures of the benchmark's objects keep to."""
+
 REFUSED = {
     "ShaderNodeFresnel": "depends on the view",
     "ShaderNodeLayerWeight": "depends on the view",
@@ -43,8 +46,8 @@ def decode_srgb(encoded: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4)
 
 
-def bake(item: bpy.types.Object, size: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Base colour (size, size, 3) linear and roughness (size, size) of an object with a UV layer "atlas", row 0 on top.
+def bake(item: bpy.types.Object, size: int) -> dict[str, NDArray[np.float32]]:
+    """Colour (size, size, 3) linear, roughness and metallic (size, size) of an object with a UV layer "atlas", row 0 on top.
 
     Raises:
         RuntimeError: if a material cannot be baked; the message names it.
@@ -59,8 +62,9 @@ def bake(item: bpy.types.Object, size: int) -> tuple[NDArray[np.float32], NDArra
         _keep_texture_coordinates(material)
     bpy.context.view_layer.objects.active = item
     item.select_set(True)
-    colour, roughness = (_bake_input(set(materials), name, size) for name in ("Base Color", "Roughness"))
-    return colour, roughness[..., 0]
+    colour = _bake_input(set(materials), "Base Color", size)
+    rest = {name: _bake_input(set(materials), name.capitalize(), size)[..., 0] for name in ("roughness", "metallic")}
+    return {"colour": colour, **rest}
 
 
 def _principled(material: bpy.types.Material) -> bpy.types.ShaderNode:
@@ -119,24 +123,26 @@ def _bake_input(materials: set[bpy.types.Material], name: str, size: int) -> NDA
     return dilate(pixels[..., :3], pixels[..., 3] > 0.5)
 
 
-def write_textures(folder: Path, colour: NDArray[np.float32], roughness: NDArray[np.float32]) -> None:
-    """Write albedo.webp (8-bit sRGB, lossless: three quarters of a PNG) and roughness.png (8-bit linear).
+def write_textures(folder: Path, textures: dict[str, NDArray[np.float32]], *, metal: bool) -> None:
+    """Write albedo.webp (8-bit sRGB, lossless: three quarters of a PNG), roughness.png and, of metal, metallic.png (8-bit linear).
 
     Raises:
         RuntimeError: if a value is outside the range that the benchmark's objects keep.
     """
-    for name, values, low, high in (("base colour", colour, 0.02, 0.9), ("roughness", roughness, 0.15, 0.95)):
+    for name, (low, high) in RANGE.items():
+        values = textures[name]
         if values.min() < low - 0.005 or values.max() > high + 0.005:
             raise RuntimeError(f"{name} must lie in [{low}, {high}], found {values.min():.3f} to {values.max():.3f}")
     folder.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(np.round(encode_srgb(colour) * 255).astype(np.uint8)).save(
+    Image.fromarray(np.round(encode_srgb(textures["colour"]) * 255).astype(np.uint8)).save(
         folder / "albedo.webp", lossless=True, quality=100, method=6
     )
-    Image.fromarray(np.round(roughness * 255).astype(np.uint8)).save(folder / "roughness.png", optimize=True)
+    for name in ("roughness", "metallic") if metal else ("roughness",):
+        Image.fromarray(np.round(textures[name] * 255).astype(np.uint8)).save(folder / f"{name}.png", optimize=True)
 
 
 def textured_material(folder: Path) -> bpy.types.Material:
-    """The one material of a scene: dielectric Principled BSDF fed by the two textures, with AOVs for the truth passes.
+    """The one material of a scene: a Principled BSDF fed by the two or three textures, with AOVs for the truth passes.
 
     Textures are decoded to linear before Cycles sees them, so it interpolates linear values, as a renderer that
     stores linear textures does (Cycles interpolates 8-bit sRGB textures before decoding them).
@@ -149,12 +155,14 @@ def textured_material(folder: Path) -> bpy.types.Material:
     for name, value in (("IOR", IOR), ("Metallic", 0.0), ("Specular IOR Level", 0.5), ("Diffuse Roughness", 0.0)):
         shader.inputs[name].default_value = value
     albedo = decode_srgb(np.asarray(Image.open(folder / "albedo.webp")) / 255)
-    roughness = np.asarray(Image.open(folder / "roughness.png"))[..., None].repeat(3, axis=2) / 255
-    colour = _texture(tree, "albedo", albedo).outputs["Color"]
-    rough = _texture(tree, "roughness", roughness).outputs["Color"]
-    tree.links.new(colour, shader.inputs["Base Color"])
-    tree.links.new(rough, shader.inputs["Roughness"])
-    add_aovs(material, {"albedo": colour, "roughness": rough})
+    values = {"albedo": _texture(tree, "albedo", albedo).outputs["Color"]}
+    tree.links.new(values["albedo"], shader.inputs["Base Color"])
+    for name in ("roughness", "metallic"):
+        if (folder / f"{name}.png").exists():  # a dielectric object has no metallic.png
+            grey = np.asarray(Image.open(folder / f"{name}.png"))[..., None].repeat(3, axis=2) / 255
+            values[name] = _texture(tree, name, grey).outputs["Color"]
+            tree.links.new(values[name], shader.inputs[name.capitalize()])
+    add_aovs(material, values)
     return material
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-MAX_TRIANGLES = 24_000
+MAX_TRIANGLES = 48_000
 VERTEX_PROPERTIES = ("x", "y", "z", "nx", "ny", "nz", "u", "v")
 FACE = [("count", "u1"), ("index", "<u2", 3)]
 

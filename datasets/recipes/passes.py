@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Passes:
-    """One rendered view: rgba (H, W, 4) premultiplied; specular, albedo, normal (H, W, 3); roughness, depth (H, W).
+    """One rendered view: rgba (H, W, 4) premultiplied; specular, albedo, normal (H, W, 3); roughness, metallic, depth (H, W).
 
     All but rgba are averages over the pixel's samples, where samples that miss the object count as zero.
     """
@@ -18,6 +18,7 @@ class Passes:
     albedo: NDArray[np.float32]
     normal: NDArray[np.float32]
     roughness: NDArray[np.float32]
+    metallic: NDArray[np.float32]
     depth: NDArray[np.float32]
 
 
@@ -36,5 +37,6 @@ def combine(rendered: list[Passes], counts: list[int]) -> Passes:
         albedo=mean("albedo"),
         normal=mean("normal"),
         roughness=mean("roughness"),
+        metallic=mean("metallic"),
         depth=mean("depth"),
     )

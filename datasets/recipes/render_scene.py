@@ -20,6 +20,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+import scanned
 from atlas import unwrap
 from exr import store
 from geometry import add_atlas, corners, join_scene, to_blender
@@ -28,6 +29,7 @@ from materials import bake, textured_material, write_textures
 from mesh import check, read_ply, weld, write_ply
 from noise import NOISE_DEFINITION, measure
 from passes import Passes
+from real import real_file
 from recipe import RECIPES, Recipe
 from renderer import BOUNCES, Renderer
 from scene_folder import View, byte_totals, views, write_scene, write_transforms
@@ -63,7 +65,10 @@ def make_geometry(recipe: Recipe, out: Path) -> None:
         if (out / "mesh.ply").exists():  # made while this process waited
             return
         bpy.ops.wm.read_factory_settings(use_empty=True)
-        importlib.import_module(f"objects.{recipe.object}").build()
+        if recipe.scanned:
+            scanned.build(real_file(recipe.object))
+        else:
+            importlib.import_module(f"objects.{recipe.object}").build()
         item = join_scene()
         found = corners(item.data)
         uv, statistics = unwrap(found.positions, found.vertex, ATLAS_SCALE * recipe.texture_size)
@@ -71,7 +76,8 @@ def make_geometry(recipe: Recipe, out: Path) -> None:
         add_atlas(item.data, found, uv)
         mesh = weld(found.positions[found.vertex], found.normals, uv)
         print(f"mesh: {check(mesh)}", flush=True)
-        write_textures(out / "truth", *bake(item, recipe.texture_size))
+        textures = bake(item, recipe.texture_size)
+        write_textures(out / "truth", scanned.within_range(textures) if recipe.scanned else textures, metal=recipe.metal)
         write_ply(out / "mesh.ply.part", mesh)
         (out / "mesh.ply.part").rename(out / "mesh.ply")
 

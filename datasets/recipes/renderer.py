@@ -15,7 +15,7 @@ from passes import Passes
 from mathutils import Matrix  # can be imported only once bpy is
 
 BOUNCES = 4
-AOVS = {"albedo": "COLOR", "normal": "COLOR", "roughness": "VALUE", "depth": "VALUE"}
+AOVS = {"albedo": "COLOR", "normal": "COLOR", "roughness": "VALUE", "metallic": "VALUE", "depth": "VALUE"}
 
 
 class Renderer:
@@ -106,6 +106,7 @@ class Renderer:
             albedo=stack("albedo", "RGB"),
             normal=stack("normal", "RGB"),
             roughness=planes["roughness.X"],
+            metallic=planes["metallic.X"],
             depth=planes["depth.X"],
         )
 

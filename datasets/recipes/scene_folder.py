@@ -34,6 +34,7 @@ class View:
     index: int
     light: str
     pose: NDArray[np.float64]
+    metal: bool = False
 
     @property
     def image(self) -> str:
@@ -44,7 +45,8 @@ class View:
     @property
     def truth(self) -> dict[str, str]:
         """Paths of the ground truth images by kind."""
-        return {kind: f"truth/{self.split}/{kind}/{self.index:04d}.exr" for kind in TRUTH[self.split]}
+        kinds = (*TRUTH[self.split], *(["metallic"] if self.metal and self.split == "test" else []))
+        return {kind: f"truth/{self.split}/{kind}/{self.index:04d}.exr" for kind in kinds}
 
     @property
     def files(self) -> list[str]:
@@ -62,7 +64,7 @@ def _views(recipe: Recipe) -> Iterator[View]:
         poses = split_poses(split, count)
         for light in recipe.lights if split == "novel" else ("train",):
             for index, pose in enumerate(poses):
-                yield View(split, index, light, pose)
+                yield View(split, index, light, pose, recipe.metal)
     poses = split_poses("test", recipe.views["test"])
     for index in range(0, len(poses), max(1, len(poses) // DIRECT_VIEWS))[:DIRECT_VIEWS]:
         yield View("direct", index, "train", poses[index])
@@ -85,6 +87,7 @@ def write_transforms(out: Path, recipe: Recipe) -> None:
 
 def write_scene(out: Path, name: str, recipe: Recipe, render: dict[str, Any]) -> None:
     """Write scene.json; `render` says how the images were made."""
+    textures = ("roughness", "metallic") if recipe.metal else ("roughness",)
     scene = {
         "schema": 1,
         "name": name,
@@ -93,7 +96,8 @@ def write_scene(out: Path, name: str, recipe: Recipe, render: dict[str, Any]) ->
         "light_convention": CONVENTION,
         "splits": recipe.views,
         "lights": {light: f"lights/{light}.exr" for light in recipe.lights},
-        "truth_textures": {"albedo": "truth/albedo.webp", "roughness": "truth/roughness.png"},
+        **({"metallic": True} if recipe.metal else {}),
+        "truth_textures": {"albedo": "truth/albedo.webp"} | {name: f"truth/{name}.png" for name in textures},
         "render": render | {"storage": {kind: asdict(storage) for kind, storage in STORAGE.items()}},
     }
     write_json(out / "scene.json", scene)

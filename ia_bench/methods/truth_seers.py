@@ -41,7 +41,7 @@ class Ceiling(_TruthSeer):
     """
 
     def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
-        """Nothing is optimised. Raises InputError when the scene does not ship its truth, or has metal, which it does not tell."""
+        """Nothing is optimised. Raises InputError when the scene does not ship its truth, or does not say what of it is metal."""
         import torch
 
         from ia_bench.material.brdf import MIN_ROUGHNESS
@@ -53,18 +53,19 @@ class Ceiling(_TruthSeer):
         scene = problem.truth
         truth = None if scene is None else scene.truth
         who = f"method=ceiling: scene {problem.scene.name}"
-        if problem.scene.metallic:
-            raise InputError(f"{who}: expected no metal, which truth does not tell, found some")
+        if problem.scene.metallic and (truth is None or truth.metallic is None):
+            raise InputError(f"{who}: expected no metal, or a true metallic texture, found metal without")
         if truth is None or truth.albedo is None or truth.roughness is None or "train" not in truth.lights:
             raise InputError(f"{who}: expected true textures and the true training light, found that they are not shipped")
         albedo = torch.from_numpy(truth.albedo).float().to(problem.device)
         true_roughness = torch.from_numpy(truth.roughness).float()[..., None]
         roughness = true_roughness.clamp(MIN_ROUGHNESS, 1).to(problem.device)
         clamped = int((roughness.cpu() != true_roughness).sum())
+        metallic = None if truth.metallic is None else torch.from_numpy(truth.metallic).float()[..., None].to(problem.device)
         light = torch.from_numpy(truth.lights["train"]).to(problem.device)
         stage = problem.stage if truth.mesh is None else Stage(truth.mesh, problem.device)  # to which the textures belong
         how: dict[str, Any] = {"coat": problem.render.coat, "turning": problem.scene.turning}
-        recovered = TexturedReconstruction(stage, Material(albedo, roughness), light, **how)
+        recovered = TexturedReconstruction(stage, Material(albedo, roughness, metallic), light, **how)
         return Result(recovered, counters={"roughness_clamped": clamped})
 
 

@@ -19,6 +19,7 @@ NO_MESH = f"no mesh: none of {', '.join(MESHES)} is there, and reader.options.me
 TRUTH_OF_VIEWS: dict[str, tuple[int, float, float]] = {
     "albedo": (3, 0.0, 1.0),
     "roughness": (1, 0.0, 1.0),
+    "metallic": (1, 0.0, 1.0),
     "specular": (3, 0.0, np.inf),
     "normal": (3, -1.0, 1.0),
     "depth": (1, 0.0, np.inf),
@@ -97,7 +98,7 @@ def check_scene(scene: object, *, truth: bool) -> Scene:
         _check_array(where, light, (height, 2 * height, 3), 0, BRIGHTEST, slack=0)
         if not light.any():
             raise InputError(f"{where}: expected radiance above 0 somewhere, found none")
-    for name, channels in (("albedo", 3), ("roughness", 1)):
+    for name, channels in (("albedo", 3), ("roughness", 1), ("metallic", 1)):
         texture = getattr(scene.truth, name)
         if texture is not None:
             side = texture.shape[:1] * 2

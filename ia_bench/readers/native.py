@@ -120,15 +120,14 @@ class NativeReader:
             return {name: find(self._folder, value, f"{where}.{name}") for name, value in description.get(key, {}).items()}
 
         textures = {name: (path, open_picture(path)) for name, path in listed("truth_textures", file_below).items()}
-        albedo = roughness = None
+        albedo = None
         if "albedo" in textures:
             path, picture = textures["albedo"]
             in_colour = picture.mode not in HIGH_BIT_MODES  # which are grey, and would be cut at 255
             values = np.asarray(picture.convert("RGB"), np.float32) / 255 if in_colour else greyscale(path, picture)[..., None]
             albedo = srgb_to_linear(np.broadcast_to(values, (*values.shape[:2], 3)))
-        if "roughness" in textures:
-            roughness = greyscale(*textures["roughness"])
-        return Truth({name: read_exr(path, 3) for name, path in listed("lights", _light).items()}, albedo, roughness)
+        roughness, metallic = (greyscale(*textures[name]) if name in textures else None for name in ("roughness", "metallic"))
+        return Truth({name: read_exr(path, 3) for name, path in listed("lights", _light).items()}, albedo, roughness, metallic)
 
 
 def _light(folder: Path, value: object, where: str) -> Path:

@@ -103,7 +103,7 @@ class View:
     object is seen at all. ``exposure`` is the factor by which, as the camera recorded, the photograph shows radiance, in a unit
     that the views of a scene share; None where there is no record.
     Ground truth, None unless it was asked for, premultiplied by coverage like the image: ``albedo`` (H, W, 3),
-    ``roughness`` (H, W), ``specular`` (H, W, 3) radiance, ``normal`` (H, W, 3) world space, ``depth`` (H, W).
+    ``roughness`` and ``metallic`` (H, W), ``specular`` (H, W, 3) radiance, ``normal`` (H, W, 3) world space, ``depth`` (H, W).
     """
 
     name: str
@@ -113,6 +113,7 @@ class View:
     light: str = "train"
     albedo: np.ndarray | None = None
     roughness: np.ndarray | None = None
+    metallic: np.ndarray | None = None
     specular: np.ndarray | None = None
     normal: np.ndarray | None = None
     depth: np.ndarray | None = None
@@ -184,7 +185,7 @@ def farthest_first(views: Sequence[View], middle: np.ndarray) -> list[int]:
 
 @dataclass(frozen=True)
 class Truth:
-    """Ground truth of a whole scene: ``lights`` name -> (H, W, 3) radiance; textures are linear, (T, T, 3) and (T, T).
+    """Ground truth of a whole scene: ``lights`` name -> (H, W, 3) radiance; textures are linear, albedo (T, T, 3), others (T, T).
 
     ``mesh`` is the true one, to which the textures belong, where a capture has put another one into its place; else None.
     """
@@ -192,6 +193,7 @@ class Truth:
     lights: dict[str, np.ndarray]
     albedo: np.ndarray | None = None
     roughness: np.ndarray | None = None
+    metallic: np.ndarray | None = None
     mesh: Mesh | None = None
 
 

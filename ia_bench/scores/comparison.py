@@ -38,6 +38,7 @@ class Predictions:
         relighting: The same per novel light, rendered with the *aligned* albedo.
         light: (H, W, 3) radiance of balls under the recovered light (:func:`ia_bench.scores.balls.ball_pictures`).
         log_light: (H, W, 3), its log (:func:`ia_bench.scores.balls.log_radiance`).
+        metallic: (H, W) of the test views.
     """
 
     albedo: Images | None = None
@@ -46,6 +47,7 @@ class Predictions:
     relighting: Mapping[str, Images] | None = None
     light: Images | None = None
     log_light: Images | None = None
+    metallic: Images | None = None
 
 
 @dataclass(frozen=True)
@@ -187,8 +189,8 @@ def over_white(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
     return Compared(*pair, view.known, protocol, whole=True, clipped=clipped, spread=None if spread is None else own * spread)
 
 
-def roughness(view: Pair, protocol: Protocol) -> Compared:
-    """Compare roughness as it is: over the object, or over a whole image with the background's grey around the object."""
+def scalar(view: Pair, protocol: Protocol) -> Compared:
+    """Compare roughness or metallic as it is: over the object, or over a whole image with the background's grey around it."""
     whole = protocol.comparison.area == "image"
     scored = _eroded(view.mask, protocol.comparison.erosion)
     _expect_finite(view, scored, everywhere=whole)

@@ -44,12 +44,13 @@ NO_TRUTH = {
     "view_synthesis": "the scene has no held-out view under its training light",
     "relighting": "the scene has no view under a novel light whose map it knows",
     "roughness": "the scene has no true roughness in its test views",
+    "metallic": "the scene has no true metallic in its test views",
     "light": "the scene does not know its training light",
     "log_light": "the scene does not know its training light",
 }
 
 
-NEVER_WHOLE = ("roughness", "light", "log_light", "albedo_error")
+NEVER_WHOLE = ("roughness", "metallic", "light", "log_light", "albedo_error")
 """Components that have no score of whole images: there is nothing around them."""
 
 
@@ -193,7 +194,7 @@ def _record_one(scores: Scores, component: str, views: Views, metrics: tuple[Met
     protocol = scores.protocol
     encoding = protocol.albedo_encoding if "albedo" in component else protocol.radiance_encoding
     ways: dict[str, Callable[..., Compared]] = {
-        "roughness": comparison.roughness,
+        **dict.fromkeys(("roughness", "metallic"), comparison.scalar),
         "light": partial(comparison.of_object, encoding=encoding),
         "log_light": comparison.logarithms,
         "albedo_error": lambda view, protocol: view.compared(),

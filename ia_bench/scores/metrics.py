@@ -265,7 +265,7 @@ class Metric:
 
     Attributes:
         component: What is measured, as in metrics.json: "albedo", "aligned_albedo", "view_synthesis", "relighting", "roughness",
-            "light" (by balls under it), "log_light", "albedo_error".
+            "metallic", "light" (by balls under it), "log_light", "albedo_error".
         name: The metric's own, as in metrics.json.
         of: Two pictures of one view -> a number. Raises Undefined where there is none.
         group: The component as the paper prints it.
@@ -332,6 +332,7 @@ METRICS = (
 
 MEASURED = (
     *METRICS,
+    Metric("metallic", "mse", squared_error, "Metallic", "MSE", higher_is_better=False, digits=4),
     Metric("light", "psnr", psnr, "Light", "PSNR", higher_is_better=True, digits=2),
     Metric("log_light", "rmse", root_squared_error, "Light", "log RMSE", higher_is_better=False, digits=3),
     *(

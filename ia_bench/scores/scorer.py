@@ -103,7 +103,7 @@ class _Seen:
         return cls((face >= 0).cpu(), points.normal.cpu(), distance.cpu(), points.position.cpu())
 
 
-MAPS = ("albedo", "roughness")
+MAPS = ("albedo", "roughness", "metallic")
 
 
 class Scorer:
@@ -202,6 +202,7 @@ class Scorer:
         return Predictions(
             albedo=_true(test, "albedo"),
             roughness=_true(test, "roughness"),
+            metallic=_true(test, "metallic"),
             view_synthesis=_true(self._novel.get("train", ())[::stride], "image"),
             relighting={name: images for name in names if (images := _true(self._novel[name][::stride], "image"))} or None,
         )
@@ -225,7 +226,7 @@ class Scorer:
         halves = 2 if protocol.noise == "subtracted" and not brought else 1
         cameras = [view.camera for view in self._scene.test[::stride]]
         maps = reconstruction.maps(cameras, wanted, points=protocol.map_points) if wanted else {}
-        albedo, roughness = (maps.get(name) for name in MAPS)
+        albedo, roughness, metallic = (maps.get(name) for name in MAPS)
         drawn(0 if truth.albedo is None else len(truth.albedo))
 
         def rendered(light: str, half: int) -> Images | None:
@@ -254,7 +255,7 @@ class Scorer:
         own = reconstruction.environment
         light = _pictures_of(own, ball_pictures) if truth.light is not None else None
         log_light = _pictures_of(own, log_radiance) if truth.log_light is not None else None
-        return Predictions(albedo, roughness, view_synthesis, pictures or None, light, log_light)
+        return Predictions(albedo, roughness, view_synthesis, pictures or None, light, log_light, metallic)
 
     def _exported(self, reconstruction: Reconstruction) -> TexturedReconstruction | None:
         """The textures and the light of a method with another renderer than the reference; None where there are none."""

@@ -19,7 +19,7 @@ def load(name: str) -> ModuleType:
         sys.path.remove(str(RECIPES))
 
 
-latlong, lights, light_parts, cameras, exr, mesh, passes, photographs, recipe, scene_folder, share_lights, staging = (
+latlong, lights, light_parts, cameras, exr, mesh, passes, photographs, real, recipe, scene_folder, share_lights, staging = (
     load(name)
     for name in (
         "latlong",
@@ -30,6 +30,7 @@ latlong, lights, light_parts, cameras, exr, mesh, passes, photographs, recipe, s
         "mesh",
         "passes",
         "photographs",
+        "real",
         "recipe",
         "scene_folder",
         "share_lights",

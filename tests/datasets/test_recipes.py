@@ -3,9 +3,14 @@
 What needs Blender is checked by `datasets/recipes/check_conventions.py`.
 """
 
+import re
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
-from recipe_modules import NOVEL_LIGHTS, cameras, exr, latlong, light_parts, lights, passes, recipe
+import yaml
+from recipe_modules import NOVEL_LIGHTS, ROOT, cameras, exr, latlong, light_parts, lights, passes, real, recipe, scene_folder
 
 HEIGHT = 256
 TRAINING_LIGHTS = ("garden", "harbour", "lamp_room", "spotlight", "snowfield", "workshop", "balcony", "cellar")
@@ -50,7 +55,7 @@ def test_mean_luminance_is_what_a_white_diffuse_sphere_averages() -> None:
 # -- lights ------------------------------------------------------------------------------------------------------------
 def test_there_are_eight_training_and_three_novel_lights() -> None:
     assert set(lights.MODELS) == {*TRAINING_LIGHTS, *NOVEL_LIGHTS}
-    assert {r.light for r in recipe.RECIPES.values() if not r.light.startswith("photo_")} == set(TRAINING_LIGHTS)
+    assert {r.light for r in recipe.RECIPES.values() if not r.light.startswith(("photo_", "real_"))} == set(TRAINING_LIGHTS)
     with pytest.raises(ValueError, match="light must be one of garden, .* got 'moon'"):
         lights.make_light("moon", 8)
 
@@ -90,7 +95,7 @@ def test_parts_of_a_light_partition_it(name: str, sources: int, rendered_lights:
 def test_passes_of_parts_add_radiance_and_average_geometry_over_samples() -> None:
     """Combined from parts of 1 and 3 samples: by hand."""
     rng = np.random.default_rng(2)
-    channels = {"rgba": (4,), "specular": (3,), "albedo": (3,), "normal": (3,), "roughness": (), "depth": ()}
+    channels = {"rgba": (4,), "specular": (3,), "albedo": (3,), "normal": (3,), "roughness": (), "metallic": (), "depth": ()}
     shapes = {name: (3, 4, *last) for name, last in channels.items()}
     a, b = ({name: rng.random(shape).astype(np.float32) for name, shape in shapes.items()} for _ in range(2))
     whole = passes.combine([passes.Passes(**a), passes.Passes(**b)], [1, 3])
@@ -146,3 +151,29 @@ def test_elevations_cover_the_band_and_no_two_cameras_coincide() -> None:
     positions = np.concatenate([train, test, novel]) / cameras.DISTANCE
     cosines = positions @ positions.T - 2 * np.eye(len(positions))
     assert np.degrees(np.arccos(cosines.max())) > 1.0
+
+
+def test_scans_are_the_objects_and_lights_that_are_closed_to_training() -> None:
+    closed = tomllib.loads((ROOT / "datasets" / "real" / "sources.toml").read_text())["closed"]
+    (files,) = (entry["files"] for entry in closed if entry.get("set") == "scans")
+    scans = {name: each for name, each in recipe.RECIPES.items() if each.scanned}
+    lights_of = {f"lights/{name.removeprefix('real_')}.hdr" for each in scans.values() for name in each.lights.values()}
+    assert {each.object for each in scans.values()} | lights_of == set(files)
+    table = yaml.safe_load((ROOT / "conf" / "table" / "scans.yaml").read_text())
+    assert set(table["scenes"]) == set(scans)
+    named = re.search(r"^SCANS := (.+)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert named is not None
+    assert set(named[1].split()) == set(scans)
+
+
+def test_views_of_metal_have_its_truth() -> None:
+    def kinds(name: str) -> set[str]:
+        return {kind for view in scene_folder.views(recipe.RECIPES[name]) if view.split == "test" for kind in view.truth}
+
+    assert kinds("egyptian_cat") == kinds("avocado") | {"metallic"}
+
+
+def test_a_missing_real_file_is_told_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(real, "FOLDER", tmp_path)
+    with pytest.raises(ValueError, match="expected a file of `make real-data`"):
+        real.real_file("objects/gltf/avocado.glb")

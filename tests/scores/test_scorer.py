@@ -13,6 +13,7 @@ from made_up import Ball, Gaussian, as_assets
 from shapes import camera_at, plate, sphere
 
 from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import Quality, Reconstruction, TexturedReconstruction
 from ia_bench.render.settings import REFERENCE
 from ia_bench.render.stage import Stage
@@ -107,7 +108,7 @@ def test_what_can_be_exported_is_also_drawn_by_the_reference_renderer(photograph
     described = scores.as_dict()["protocol_description"]["reference_renderer"]
     assert (scores.renderer, described["name"]) == (BALL.renderer, REFERENCE)
     reference = {name.removesuffix("_reference"): values for name, values in scores.variants.items() if name.endswith("_reference")}
-    assert sorted(reference) == sorted(plain.metrics.keys() - {"light", "log_light", "albedo_error"})
+    assert sorted(reference) == sorted(plain.metrics.keys() - {"metallic", "light", "log_light", "albedo_error"})
     assert 35 < reference["albedo"]["psnr"] < math.inf  # the mesh's own silhouette
     assert 5 < reference["view_synthesis"]["psnr"] < 60  # true shading of a light that the photographs took from the normal
     assert scores.counts["textures"] == {"texels": 16, "roughness_raised": 0}
@@ -133,3 +134,27 @@ def test_a_method_that_renders_under_its_own_light_alone_is_relit_by_the_referen
     assert scores.metrics["relighting"]["psnr"] is not None
     textured = TexturedReconstruction.of(exported.assets(), stage)
     assert scorer.quick(alone)["relighting_psnr"] == pytest.approx(scorer.quick(textured)["relighting_psnr"], abs=1e-6)
+
+
+def test_metal_is_scored_where_the_scene_knows_it(photographed: Scene) -> None:
+    """A ball that is metal on one side: found, guessed as half metal everywhere, and taken for a dielectric."""
+    stage, side = stage_of_the_ball(), 8
+    metal = torch.zeros(side, side, 1)
+    metal[:, : side // 2] = 1
+    albedo, roughness = torch.full((side, side, 3), 0.6), torch.full((side, side, 1), 0.4)
+    light = torch.ones(8, 16, 3)
+    true, half, none = (
+        TexturedReconstruction(stage, Material(albedo, roughness, metallic), light)
+        for metallic in (metal, torch.full_like(metal, 0.5), None)
+    )
+    shown = true.maps([view.camera for view in photographed.test], ["metallic"], points=SMALL.map_points)["metallic"]
+    pictures = zip(photographed.test, shown.images, shown.coverage, strict=True)
+    views = [replace(view, metallic=each, mask=coverage) for view, each, coverage in pictures]  # edges of the mesh, not of the ball
+    scorer = Scorer(replace(photographed, test=tuple(views)), SMALL, CPU)
+    assert scorer.full(true).metrics["metallic"]["mse"] == pytest.approx(0, abs=1e-10)
+    straight = [each[c > 0.5] / c[c > 0.5] for each, c in zip(shown.images, shown.coverage, strict=True)]
+    expected = np.mean([np.mean((values - 0.5) ** 2) for values in straight])
+    assert expected > 0.1
+    assert scorer.full(half).metrics["metallic"]["mse"] == pytest.approx(expected, rel=1e-5)
+    assert scorer.full(none).reasons["metallic.mse"] == "the method does not predict metallic"
+    assert Scorer(photographed, SMALL, CPU).full(true).reasons["metallic.mse"].startswith("the scene has no true metallic")

@@ -36,7 +36,7 @@ from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import Camera, Scene, View
 
-KNOWN = ("albedo", "roughness", "specular", "normal", "depth")
+KNOWN = ("albedo", "roughness", "metallic", "specular", "normal", "depth")
 VERTEX = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz", "u", "v"))
 TRIANGLE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 STRENGTH = 3.0  # what NeRFactor multiplies the map of the training light by
@@ -82,7 +82,7 @@ def write_native(folder: Path, scene: Scene) -> Options:
         for name, radiance in scene.truth.lights.items():
             lights[name] = f"lights/{name}.exr"
             save_exr(folder / lights[name], radiance)
-        for name in ("albedo", "roughness"):
+        for name in ("albedo", "roughness", "metallic"):
             texture = getattr(scene.truth, name)
             if texture is not None and scene.truth.mesh is None:
                 textures[name] = f"truth/{name}.png"
