@@ -137,8 +137,6 @@ class RunRecord:
         """The means, one line per component, under the protocol that decides what they mean."""
         lines = [f"{self.row}, scene {self.scene}, seed {self.seed}, protocol {self.protocol}:"]
         for component, values in self.metrics.items():
-            if all(self.reasons.get(f"{component}.{name}", "").startswith("the scene ") for name in values):
-                continue  # it lacks the truth for that, as the run has said when it began
             shown = [f"{name} {'undefined' if value is None else format(value, '.4g')}" for name, value in values.items()]
             lines.append(f"  {component:<16}{', '.join(shown)}")
         return "\n".join(lines)

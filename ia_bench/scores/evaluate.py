@@ -44,11 +44,13 @@ NO_TRUTH = {
     "view_synthesis": "the scene has no held-out view under its training light",
     "relighting": "the scene has no view under a novel light whose map it knows",
     "roughness": "the scene has no true roughness in its test views",
-    "metallic": "the scene has no true metallic in its test views",
     "light": "the scene does not know its training light",
     "log_light": "the scene does not know its training light",
 }
 
+
+OF_METAL = "metallic"
+"""A component of scenes alone that say which parts of them are metal: of others nothing is recorded."""
 
 NEVER_WHOLE = ("roughness", "metallic", "light", "log_light", "albedo_error")
 """Components that have no score of whole images: there is nothing around them."""
@@ -177,13 +179,15 @@ def record_all(
     """Score the components by those of ``metrics`` that belong to each; return what was compared."""
     protocol = scores.protocol
     views: dict[str, Views] = {name: _paired(predictions, truth, name, protocol) for name in NO_TRUTH}
+    if truth.metallic is not None:
+        views[OF_METAL] = _paired(predictions, truth, OF_METAL, protocol)
     views["aligned_albedo"] = aligned = _aligned(scores, protocol.alignment, views["albedo"], suffix)
     if metrics is MEASURED:
         views["albedo_error"] = _split(views["albedo"], shown, protocol)
     relit = predictions.relighting is not None or truth.relighting is None or protocol.alignment == "none"
     if isinstance(aligned, str) and not relit:
         views["relighting"] = aligned  # what is relit is the aligned albedo: where there is none, its reason is the reason
-    found = {component: views[component] for component in dict.fromkeys(metric.component for metric in metrics)}
+    found = {name: views[name] for name in dict.fromkeys(metric.component for metric in metrics) if name in views}
     for component, of in found.items():
         _record_one(scores, component, of, metrics, suffix)
     return found

@@ -282,11 +282,11 @@ def test_the_light_stands_in_the_main_table_and_every_new_group_in_one_of_its_ow
     done = as_table([scored("ours", "hat", seed, 1.0 + seed) for seed in (0, 1)])
     found = dict(parts(analyse(Collection(done)).overall))
     assert [metric.key for metric in found[""]][-3:] == ["roughness.mse", "light.psnr", "log_light.rmse"]
-    assert [*found] == ["", "SSIM and LPIPS", "Where the error sits"]
+    assert [*found] == ["", "SSIM and LPIPS", "Metallic", "Where the error sits"]
     split = found["Where the error sits"]
     printed = results_table(analyse(Collection(done)).overall, {}, split)
     assert printed.header[1:] == [f"{metric.label} ↓" for metric in split]
-    former = done.assign(**{metric.column: math.nan for metric in [*split, *found[""][-2:]]}, reasons=[{}, {}])
+    former = done.assign(**{metric.column: math.nan for metric in [*split, *found["Metallic"], *found[""][-2:]]}, reasons=[{}, {}])
     former["reasons"] = [{metric.key: NOT_SCORED for metric in MEASURED}] * 2
     findings = analyse(Collection(former))
     assert [*dict(parts(findings.overall))] == ["", "SSIM and LPIPS"]
