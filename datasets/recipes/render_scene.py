@@ -77,7 +77,9 @@ def make_geometry(recipe: Recipe, out: Path) -> None:
         mesh = weld(found.positions[found.vertex], found.normals, uv)
         print(f"mesh: {check(mesh)}", flush=True)
         textures = bake(item, recipe.texture_size)
-        write_textures(out / "truth", scanned.within_range(textures) if recipe.scanned else textures, metal=recipe.metal)
+        write_textures(
+            out / "truth", scanned.within_range(textures, metal=recipe.metal) if recipe.scanned else textures, metal=recipe.metal
+        )
         write_ply(out / "mesh.ply.part", mesh)
         (out / "mesh.ply.part").rename(out / "mesh.ply")
 
@@ -145,9 +147,9 @@ def main(arguments: list[str]) -> None:
     try:
         folder = begin(options.out, recipe)
         lights = make_lights(recipe, folder)
+        make_geometry(recipe, folder)
     except ValueError as error:
         parser.error(str(error))
-    make_geometry(recipe, folder)
     renderer = load(recipe, folder, lights, options.threads)
     write_transforms(folder, recipe)
     everything = views(recipe)

@@ -45,8 +45,10 @@ def _flatten(material: bpy.types.Material) -> None:
             node.inputs["Transmission Weight"].default_value = node.inputs["Coat Weight"].default_value = 0.0
 
 
-def within_range(textures: dict[str, NDArray[np.float32]]) -> dict[str, NDArray[np.float32]]:
-    """The textures cut to RANGE, with a line that says how much of each was outside."""
+def within_range(textures: dict[str, NDArray[np.float32]], *, metal: bool) -> dict[str, NDArray[np.float32]]:
+    """The textures cut to RANGE, with a line that says how much of each was outside, and how much metal a dielectric loses."""
+    if not metal:
+        print(f"metallic: the texture's mean of {textures['metallic'].mean():.4f} is taken for 0", flush=True)
     for name, (low, high) in RANGE.items():
         outside = np.mean((textures[name] < low) | (textures[name] > high))
         print(f"{name}: {outside:.1%} of the texture's values cut to [{low}, {high}]", flush=True)

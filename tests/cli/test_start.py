@@ -15,8 +15,8 @@ FIRST_STEP = f"""
 import os, sys
 import ia_bench.methods.two_stage.fit as fit
 plain = fit.Fit._step
-def step(self):
-    plain(self)
+def step(self, *given):
+    plain(self, *given)
     print("loaded:", *(name for name in {LATER} if name in sys.modules), flush=True)
     os._exit(0)
 fit.Fit._step = step
