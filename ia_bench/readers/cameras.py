@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.linalg import rq
-from scipy.ndimage import map_coordinates
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json, shown
@@ -176,6 +174,8 @@ def from_projection(where: str, projection: np.ndarray, width: int, height: int)
     determinant = np.linalg.det(left)
     if abs(determinant) <= 1e-12 * np.linalg.norm(left) ** 3:
         raise InputError(f"{where}: expected a projection of full rank, found one with determinant {determinant:.3g}")
+    from scipy.linalg import rq  # here, for most scenes need none of scipy
+
     intrinsic, rotation = rq(np.sign(determinant) * left)
     signs = np.sign(np.diag(intrinsic))
     intrinsic, rotation = intrinsic * signs, signs[:, None] * rotation
@@ -282,6 +282,8 @@ def undistorted(where: str, view: View, glass: Lens) -> View:
         raise InputError(f"{where}: expected the distortion of a lens, found one under which the picture folds over: {glass}")
     place = [v * focal[1] + centre[1] - 0.5, u * focal[0] + centre[0] - 0.5]
     seen = (place[0] >= -0.5) & (place[0] <= height - 0.5) & (place[1] >= -0.5) & (place[1] <= width - 0.5)
+
+    from scipy.ndimage import map_coordinates  # here, for most photographs are of pinhole cameras
 
     def moved(values: np.ndarray) -> np.ndarray:
         layers = values.reshape(height, width, -1).astype(np.float32)
