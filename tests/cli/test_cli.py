@@ -1,4 +1,4 @@
-"""The command line around a run: mistakes, what is shown, plugins, and a real installation; and every command behind one name.
+"""The command line around a run: mistakes, what is shown, and plugins; and every command behind one name.
 
 The run itself is replaced by tests/fake_run, so that these tests take seconds and say nothing about rendering.
 """
@@ -6,15 +6,12 @@ The run itself is replaced by tests/fake_run, so that these tests take seconds a
 from __future__ import annotations
 
 import json
-import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from command_line import HERE, call, command, results, started
-from PIL import Image
+from command_line import call, command, results, started
 
 from ia_bench.cli.main import COMMANDS
 from ia_bench.cli.run import main
@@ -135,54 +132,6 @@ def test_process_ends_with_status_2(workplace: Path) -> None:
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("ia_bench: unknown preset 'quik'; did you mean 'quick'?")
     assert "Traceback" not in done.stderr
-
-
-@pytest.mark.slow
-def test_installation_works_from_any_folder(tmp_path: Path) -> None:
-    """Wheels of both distributions in an empty environment; the dependencies are borrowed from this one, so nothing is loaded."""
-    borrowed = next(path for path in sys.path if path.endswith("site-packages"))
-    environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "FAKE_LOG", "IA_BENCH_DATASETS")}
-    python = tmp_path / "venv" / "bin" / "python"
-    subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
-    (site,) = (tmp_path / "venv" / "lib").glob("python*/site-packages")
-    (site / "borrowed.pth").write_text(borrowed + "\n")
-    source = tmp_path / "source"
-    shutil.copytree(HERE.parents[1] / "ia_bench", source / "ia_bench")
-    shutil.copytree(HERE.parents[1] / "conf", source / "conf")
-    shutil.copytree(HERE.parents[1] / "datasets/scenes/tiny", source / "datasets/scenes/tiny")
-    for name in ("pyproject.toml", "README.md"):
-        shutil.copy(HERE.parents[1] / name, source)
-    shutil.copytree(HERE.parents[1] / "baselines", source / "baselines")
-    pip = [python, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--no-index", "--quiet"]
-    subprocess.run([*pip, source, source / "baselines"], check=True, env=environment)
-    shutil.rmtree(source)
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    run = {"cwd": elsewhere, "env": environment, "capture_output": True, "text": True, "check": False}
-    where = subprocess.run([python, "-c", "import ia_bench; print(ia_bench.__file__)"], **run)
-    assert where.stdout.startswith(str(site))
-    shown = subprocess.run([python, "-m", "ia_bench", "--help"], **run)
-    assert shown.returncode == 0, shown.stderr
-    assert "paper-v2" in shown.stdout
-    settings = subprocess.run([python, "-m", "ia_bench", "prior=oracle", "preset=paper", "--cfg", "job"], **run)
-    assert "texture: 2048" in settings.stdout
-    Image.new("RGB", (64, 64), (200, 120, 40)).save(elsewhere / "photo.png")
-    decomposed = subprocess.run([python, "-m", "ia_bench", "decompose", "photo.png", "--samples", "1", "--out", "parts"], **run)
-    assert decomposed.returncode == 0, decomposed.stderr  # the weights are in the package
-    assert (elsewhere / "parts/photo_albedo.exr").is_file()
-    for method in ([], ["method=nvdiffrec"]):  # the scene `tiny` is in the package, the baselines in the other one
-        smoke = [*method, "scene=tiny", "preset=smoke", "device=cpu", f"out=result{len(method)}"]
-        done = subprocess.run([python, "-m", "ia_bench", *smoke], **run)
-        assert done.returncode == 0, done.stderr
-        assert json.loads((elsewhere / f"result{len(method)}" / "metrics.json").read_text())["status"] == "ok"
-    checked = subprocess.run([python, "-m", "ia_bench", "check", "method=nvdiffrec"], **run)
-    assert "on scene tiny" in checked.stdout
-    assert checked.stdout.splitlines()[-1].endswith(" passed, 0 failed, 0 skipped")
-    without = subprocess.run([python, "-m", "ia_bench", "scene=hat", "device=cpu"], **run)
-    assert without.returncode == 2
-    assert "There are: tiny. " in without.stderr
-    assert "IA_BENCH_DATASETS" in without.stderr
-    assert "scene.path=FOLDER" in without.stderr
 
 
 COMMAND = str(Path(sys.executable).with_name("ia-bench"))

@@ -46,6 +46,8 @@ def closed_set(name: str) -> list[str]:
 
 
 def _parts(lists: Path) -> list[dict[str, Any]]:
+    if not lists.is_dir():
+        raise InputError(f"{lists}: expected the lists of a checkout of what training may see, found none (real=none needs none)")
     return list(tomllib.loads((lists / "sources.toml").read_text("utf-8"))["closed"])
 
 
