@@ -3,6 +3,8 @@
 Paths stay as they are in the repository, so that a link that works there works on the site; a link that leads nowhere fails the
 build, and so does a document that is neither in the navigation nor part of the log. Files that are no documents (a table, a
 picture, a module) are linked as they are. The tables of settings are made here (``settings.py``).
+
+The page of the published table (``ia-bench report``), where ``make docs`` has written it, is the first that the home links to.
 """
 
 from __future__ import annotations
@@ -20,6 +22,9 @@ ROOT = Path(__file__).resolve().parents[2]
 TOP = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
 FOLDERS = ("docs", "datasets", "examples", "baselines", "training", "ia_bench")
 SETTINGS = Path("docs/settings.md")
+REPORT, PLACE = Path("results/published/page"), Path("docs/results/page")
+"""The report page in the repository's results, and where it is in the site."""
+FIRST = f"[The published table as a page]({PLACE}/index.html), to sort, to compare row by row and to look behind every number."
 FOUND = ("cite", "prior", "gpu", "licence")
 """Words that a reader types into the search box, each of which a heading answers."""
 
@@ -59,6 +64,10 @@ def main(root: Path = ROOT) -> int:
         shutil.copyfile(path, place)
     if (stage / SETTINGS).is_file():
         (stage / SETTINGS).write_text((root / SETTINGS).read_text(encoding="utf-8") + "\n" + settings.page(root), encoding="utf-8")
+    if (root / REPORT).is_dir():
+        shutil.copytree(root / REPORT, stage / PLACE)
+        title, _, text = (root / "README.md").read_text(encoding="utf-8").partition("\n")
+        (stage / "README.md").write_text(f"{title}\n\n{FIRST}\n{text}", encoding="utf-8")
     command = [sys.executable, "-m", "mkdocs", "build", "--config-file", str(site / "mkdocs.yml")]
     ended = subprocess.run(command, cwd=root, capture_output=True, text=True)
     if ended.returncode:

@@ -69,6 +69,20 @@ def test_a_mistake_fails_the_build(root: Path, page: str, text: str, said: str) 
     assert said in errors
 
 
+@needs_mkdocs
+def test_the_report_page_is_built_in_and_linked_first(root: Path) -> None:
+    page = root / "results" / "published" / "page"
+    (page / "parts").mkdir(parents=True)
+    write(page / "index.html", "<title>Table</title>")
+    write(page / "parts" / "pictures.js", "window.benchPictures={};")
+    assert build(root) == (0, "")
+    site = root / "results" / "docs"
+    assert (site / "docs/results/page/parts/pictures.js").is_file()
+    article = (site / "index.html").read_text(encoding="utf-8").partition("<article")[2]
+    links = [link for link in re.findall(r'href="([^"]+)"', article) if not link.startswith("#")]
+    assert links[0] == "docs/results/page/index.html"
+
+
 def test_every_page_of_the_log_is_reached_from_its_first() -> None:
     log = ROOT / "docs" / "log"
     linked = set(re.findall(r"\]\(([\w-]+\.md)\)", (log / "README.md").read_text(encoding="utf-8")))
