@@ -72,6 +72,7 @@ def test_example_of_a_method_keeps_the_contract(installed: Path, tmp_path: Path)
     assert done.stdout.splitlines()[-1].endswith(" 0 failed, 1 skipped")  # it saves no checkpoint
 
 
+@pytest.mark.slow
 def test_a_baseline_is_copied_and_renamed_as_the_page_says(installed: Path, tmp_path: Path) -> None:
     """The commands and the pyproject.toml of docs/methods.md, in a folder where nothing else is."""
     page = (ROOT / "docs" / "methods.md").read_text().partition("## By copying a baseline")[2]

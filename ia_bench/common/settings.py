@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 import json
 import math
@@ -57,7 +58,12 @@ def parsed(kind: type[T], content: Mapping[str, Any], key: str = "") -> T:
     Raises InputError for the first value that its field does not take, and for a name that is no field, with the closest one;
     ``key`` is put before the names.
     """
-    return _checked(TypeAdapter(_forbidding(kind)), kind, content, key)
+    return _checked(_adapter(kind), kind, content, key)  # type: ignore[arg-type]  # to mypy no generic class is hashable
+
+
+@functools.cache  # a table asks for the same ones in every cell, and making one takes milliseconds
+def _adapter(kind: type) -> TypeAdapter[Any]:
+    return TypeAdapter(_forbidding(kind))
 
 
 def parsed_file(kind: type[T], path: Path, content: Mapping[str, Any], said: str = "", advice: str = "") -> T:
@@ -83,9 +89,21 @@ def check_arguments(factory: Callable[..., Any], options: Mapping[str, Any], key
 
     Parameters without an annotation that can be told take everything.
     """
+    fields, adapter = _fields_of(factory, given)
+    if adapter is None:
+        return
+    missing = [name for name, (_, default) in fields.items() if default is ... and name not in options]
+    if missing:
+        raise InputError(f"{key}: expected {', '.join(f'{key}.{name}=...' for name in missing)}, found none")
+    _checked(adapter, fields, options, key)
+
+
+@functools.cache
+def _fields_of(factory: Callable[..., Any], given: int) -> tuple[dict[str, Any], TypeAdapter[Any] | None]:
+    """Type and default of each parameter of :func:`check_arguments`, and what checks them; None where everything is taken."""
     parameters = list(inspect.signature(factory).parameters.values())[given:]
     if any(p.kind is p.VAR_KEYWORD for p in parameters):
-        return
+        return {}, None
     try:
         hints = get_type_hints(factory.__init__ if isinstance(factory, type) else factory, include_extras=True)  # type: ignore[misc]
     except Exception:  # foreign annotations may name what only a type checker imports
@@ -102,10 +120,7 @@ def check_arguments(factory: Callable[..., Any], options: Mapping[str, Any], key
                 hint = Any
             optional = hint | None if p.default is None and hint is not Any else hint  # which annotations often leave out
             fields[p.name] = (optional, ... if p.default is p.empty else p.default)
-    missing = [name for name, (_, default) in fields.items() if default is ... and name not in options]
-    if missing:
-        raise InputError(f"{key}: expected {', '.join(f'{key}.{name}=...' for name in missing)}, found none")
-    _checked(TypeAdapter(create_model("Options", __config__=STRICT, **fields)), fields, options, key)
+    return fields, TypeAdapter(create_model("Options", __config__=STRICT, **fields))
 
 
 def defaults_of(factory: Callable[..., Any], given: int = 0) -> dict[str, Any]:

@@ -176,6 +176,7 @@ def test_an_sdf_is_made_of_images_and_knows_no_truth(tiny: Scene) -> None:
     assert sum("from 16 training views" in note for note in notes) == 3
 
 
+@pytest.mark.slow
 def test_cameras_move_with_their_photographs_where_they_may(tiny: Scene) -> None:
     """Training cameras alone, a little, and as much when the mesh comes from the cache; without ``align`` they stay."""
     sdf = SdfSettings(cells=32, steps=30, align=True)

@@ -128,6 +128,7 @@ def test_a_cell_whose_record_is_damaged_fails_alone_and_keeps_it(capfd: pytest.C
     assert (cells[1].folder / "metrics.json").is_file()
 
 
+@pytest.mark.slow
 def test_a_cell_whose_files_are_damaged_runs_again() -> None:
     cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=[Row("torn", ["method=ceiling"]), Row("good", ["prior=none"])]))
     for _ in range(2):

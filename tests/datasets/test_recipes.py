@@ -12,7 +12,7 @@ import pytest
 import yaml
 from recipe_modules import NOVEL_LIGHTS, ROOT, cameras, exr, latlong, light_parts, lights, passes, real, recipe, scene_folder
 
-HEIGHT = 256
+HEIGHT = 128
 TRAINING_LIGHTS = ("garden", "harbour", "lamp_room", "spotlight", "snowfield", "workshop", "balcony", "cellar")
 """Lights with one small source that is hundreds of times brighter than anything else."""
 

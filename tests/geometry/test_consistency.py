@@ -129,6 +129,7 @@ def test_cameras_move_as_pictures_do(views: list[View]) -> None:
         np.testing.assert_allclose(seen_at(camera, points) - before, expected, atol=0.06)
 
 
+@pytest.mark.slow
 def test_poses_that_are_a_pixel_off_are_found(views: list[View]) -> None:
     """Measured: .87 pixels before, .60 after so few steps."""
     cameras = misplaced(views, FaultSettings(poses=1.0))

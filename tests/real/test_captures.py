@@ -17,7 +17,10 @@ VIEWS = {"banana": 14, "tankard": 69, "gold_cape": 119, "alexander": 53, "head":
 RATIOS = {"tankard": 1.3, "gold_cape": 2.0, "alexander": 5.23}  # of the largest to the smallest recorded exposure
 
 
-@pytest.mark.parametrize("name", VIEWS)
+IN_TIME = ("banana", "tankard")  # the others take a minute in all
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name in IN_TIME else [pytest.mark.slow]) for name in VIEWS])
 def test_a_capture_is_read_and_its_silhouettes_agree(
     name: str, real_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

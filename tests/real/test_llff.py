@@ -11,7 +11,8 @@ from ia_bench.readers.llff import LlffReader
 from ia_bench.readers.nerfstudio import NerfstudioReader
 
 
-@pytest.mark.parametrize("name", ["tankard", *(pytest.param(name, marks=pytest.mark.slow) for name in ("head", "gold_cape"))])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tankard", "head", "gold_cape"])
 def test_cameras_and_photographs_are_those_of_transforms(name: str, real_data: Path) -> None:
     folder = next((each for each in (real_data / "captures" / name, real_data / "nc" / "captures" / name) if each.is_dir()), None)
     if folder is None:

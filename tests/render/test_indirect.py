@@ -86,6 +86,7 @@ def test_a_white_bowl_in_a_white_furnace_disappears(bowl_stage: Stage, cache: Pa
     assert float(rendered.specular.mean()) < 0.8 * float(free.mean())  # so there is something to get wrong
 
 
+@pytest.mark.slow
 def test_against_path_tracing(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor, tmp_path: Path) -> None:
     """Indirect irradiance of what the test views of `tiny` see, as a share of all that arrives: 1 % off in RMS, 3 % in the mean.
 

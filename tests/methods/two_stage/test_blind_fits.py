@@ -106,6 +106,7 @@ def test_samples_are_those_that_the_renderer_takes(
     assert (f"render.samples={samples}: steps take {taken} a pixel" in " ".join(record.notes)) == (samples != taken)
 
 
+@pytest.mark.slow
 def test_a_resumed_run_costs_what_both_parts_did(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Killed after some steps: rays and points of the whole are counted once, and the seconds before count too."""
     config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", "prior=oracle"])
