@@ -10,6 +10,10 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 DISTRIBUTIONS = [tomllib.loads((ROOT / part / "pyproject.toml").read_text())["project"] for part in (".", "baselines", "training")]
+ROOT_KEYS = {"abstract", "authors", "cff-version", "date-released", "doi", "keywords", "license", "message", "references"}
+ROOT_KEYS |= {"repository-code", "title", "type", "url", "version"}
+REFERENCE_KEYS = {"authors", "collection-title", "doi", "journal", "title", "type", "url", "version", "volume", "year"}
+"""Those of the schema that a paper or a program needs; it has more."""
 
 
 def test_versions_and_licences_agree() -> None:
@@ -27,10 +31,27 @@ def test_the_changelog_has_the_version() -> None:
     assert newest[1].rstrip(",") == DISTRIBUTIONS[0]["version"]
 
 
-def test_the_citation_has_what_its_format_asks_for() -> None:
-    """The keys that the schema of CFF 1.2.0 requires, of the file and of each reference."""
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+def test_the_citation_keeps_to_its_format() -> None:
+    """The keys that the schema of CFF 1.2.0 requires and allows, and the types of those that are there; it allows no others."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert citation["cff-version"] == "1.2.0"
-    assert {"message", "title", "authors"} <= citation.keys()
-    assert all({"type", "title", "authors"} <= reference.keys() for reference in citation["references"])
+    assert {"message", "title", "authors"} <= citation.keys() <= ROOT_KEYS
+    assert citation["type"] in ("software", "dataset")
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", str(citation["date-released"]))
+    assert all({"type", "title", "authors"} <= reference.keys() <= REFERENCE_KEYS for reference in citation["references"])
+    assert {reference["type"] for reference in citation["references"]} <= {"conference-paper", "article", "software"}
+    for work in (citation, *citation["references"]):
+        assert work["authors"]
+        assert all(author.keys() in ({"name"}, {"family-names", "given-names"}) for author in work["authors"])
+        texts = {key: value for key, value in work.items() if key not in ("authors", "references", "date-released", "year")}
+        assert all(isinstance(value, str) and value for value in texts.values())
+        assert work.get("url", "https://").startswith("https://")
+        assert isinstance(work.get("year", 0), int)
+
+
+def test_title_and_authors_are_everywhere_the_same() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert (ROOT / "README.md").read_text(encoding="utf-8").startswith(f"# {citation['title']}\n")
+    names = [author["name"] for author in citation["authors"]]
+    assert all([author["name"] for author in each["authors"]] == names for each in DISTRIBUTIONS)
+    assert all(name in (ROOT / "datasets" / "LICENSE").read_text(encoding="utf-8") for name in names)
