@@ -16,9 +16,6 @@ from numpy.typing import NDArray
 BRIGHT = 5.0
 """A texel belongs to a bright source where its luminance is this many times the light's mean."""
 
-MIN_POWER = 0.01
-"""Sources with a smaller share of the light's power stay in the rest: a part of its own costs more than it brings."""
-
 
 @dataclass(frozen=True)
 class Part:
@@ -28,12 +25,15 @@ class Part:
     share: float
 
 
-def split(light: NDArray[np.floating]) -> list[NDArray[np.floating]]:
-    """Parts (H, 2H, 3) of a light (H, 2H, 3) that sum to it exactly: the rest first, then the bright sources."""
+def split(light: NDArray[np.floating], least_power: float) -> list[NDArray[np.floating]]:
+    """Parts (H, 2H, 3) of a light (H, 2H, 3) that sum to it exactly: the rest first, then the bright sources.
+
+    Sources with a smaller share of the light's power than `least_power` stay in the rest.
+    """
     power = (light.astype(np.float64) @ LUMINANCE) * solid_angles(light.shape[0])
     labels = connected(light.astype(np.float64) @ LUMINANCE > BRIGHT * mean_luminance(light))
     bright = [labels == label for label in range(1, labels.max() + 1)]
-    bright = [source for source in bright if power[source].sum() > MIN_POWER * power.sum()]
+    bright = [source for source in bright if power[source].sum() > least_power * power.sum()]
     rest = ~np.any(bright, axis=0) if bright else np.ones_like(labels, dtype=bool)
     return [np.where(texels[..., None], light, 0).astype(light.dtype) for texels in (rest, *bright) if power[texels].any()]
 
@@ -53,10 +53,10 @@ def connected(texels: NDArray[np.bool_]) -> NDArray[np.intp]:
         labels = grown
 
 
-def write_parts(light: Path, folder: Path) -> list[Path]:
+def write_parts(light: Path, folder: Path, least_power: float) -> list[Path]:
     """Split the light of an EXR file into files in `folder`; their paths, in the order of `split`."""
     planes = read_planes(light)
-    parts = split(np.stack([planes[name] for name in "RGB"], axis=-1))
+    parts = split(np.stack([planes[name] for name in "RGB"], axis=-1), least_power)
     paths = [folder / f"{light.stem}_{index}.exr" for index in range(len(parts))]
     for path, part in zip(paths, parts, strict=True):
         write_exr(path, part.astype(np.float16))  # exact: the file held halves

@@ -10,6 +10,7 @@ from real import PREFIX as REAL_PREFIX
 class Recipe:
     """A scene: object `objects/<object>.py` under the training light `light`, and in novel views under `novel_lights`.
 
+    Sources with more than the share `least_power` of a light's power are rendered apart (light_parts.py), which costs some paths.
     An object that is a file, `objects/.../NAME.glb`, is one of `make real-data` (scanned.py); `metal` says that parts of it are.
     `samples` are paths a pixel of each split's views, and of the direct-light images ("direct").
     """
@@ -23,6 +24,7 @@ class Recipe:
     texture_size: int = 512
     novel_lights: tuple[str, ...] = NOVEL_LIGHTS
     metal: bool = False
+    least_power: float = 0.01
 
     @property
     def scanned(self) -> bool:
@@ -86,7 +88,9 @@ def scanned(path: str, light: int, *, metal: bool) -> Recipe:
     names = [REAL_PREFIX + name for name in SCAN_LIGHTS]
     novel = (*names[:light], *names[light + 1 :])
     size, texture, samples = 256, 1024, PHOTOGRAPHED_SAMPLES
-    return Recipe(path, names[light], samples, PAPER_VIEWS, size, texture_size=texture, novel_lights=novel, metal=metal)
+    return Recipe(
+        path, names[light], samples, PAPER_VIEWS, size, texture_size=texture, novel_lights=novel, metal=metal, least_power=0.04
+    )
 
 
 RECIPES = {

@@ -102,7 +102,7 @@ def load(recipe: Recipe, out: Path, lights: dict[str, Path], threads: int) -> Sp
     bpy.ops.wm.read_factory_settings(use_empty=True)
     item = to_blender(read_ply(out / "mesh.ply"))
     item.data.materials.append(textured_material(out / "truth"))
-    renderer = SplitRenderer(Renderer(recipe.size, threads), lights, recipe.views["novel"])
+    renderer = SplitRenderer(Renderer(recipe.size, threads), lights, recipe.views["novel"], recipe.least_power)
     print(f"shares of the samples, the rest and the bright sources: {renderer.shares()}", flush=True)
     return renderer
 

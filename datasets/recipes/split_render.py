@@ -28,13 +28,15 @@ class SplitRenderer:
     would hand the samples to the part with the rarest and brightest path.
     """
 
-    def __init__(self, renderer: Renderer, lights: dict[str, Path], cameras: int) -> None:
-        """Split `lights` (name to lat-long EXR file) and run the pilot from two of the `cameras` novel cameras."""
+    def __init__(self, renderer: Renderer, lights: dict[str, Path], cameras: int, least_power: float) -> None:
+        """Split `lights` (name to lat-long EXR file) at `least_power`; run the pilot from two of the `cameras` novel cameras."""
         self._renderer = renderer
         self._scratch = tempfile.TemporaryDirectory(prefix="lights-")
         poses = split_poses("novel", cameras)
         self._pilot = [poses[int(fraction * cameras)] for fraction in PILOT_CAMERAS]
-        self._parts = {name: self._allocate(write_parts(path, Path(self._scratch.name))) for name, path in lights.items()}
+        self._parts = {
+            name: self._allocate(write_parts(path, Path(self._scratch.name), least_power)) for name, path in lights.items()
+        }
 
     def shares(self) -> dict[str, list[float]]:
         """Share of the samples by light and part: the rest of the light first, then its bright sources."""

@@ -86,7 +86,7 @@ def test_lights_do_not_depend_on_resolution() -> None:
 def test_parts_of_a_light_partition_it(name: str, sources: int, rendered_lights: dict[str, np.ndarray]) -> None:
     """One part per lamp, sign, sun or moon of the light's model, and the rest; no texel twice, none lost."""
     light = rendered_lights[name]
-    parts = light_parts.split(light)
+    parts = light_parts.split(light, 0.01)
     assert len(parts) == 1 + sources
     np.testing.assert_array_equal(sum((part > 0).any(axis=-1).astype(int) for part in parts), 1)
     np.testing.assert_array_equal(np.sum(parts, axis=0), light)
