@@ -1,9 +1,11 @@
-"""What every test shares: one thread, the shipped scene `tiny`, and a copy of it that may be broken."""
+"""What every test shares: one thread, the shipped scene `tiny`, a copy of it that may be broken, and a browser."""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -12,6 +14,16 @@ from ia_bench.readers.native import NativeReader
 from ia_bench.scenes.scene import Scene
 
 torch.set_num_threads(1)  # the arrays here are small: more threads only wait for each other
+
+FLAGS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--no-first-run",
+    "--disable-component-update",
+    "--disable-sync",
+)  # of Chromium
 
 TINY = Path(__file__).resolve().parents[1] / "datasets" / "scenes" / "tiny"
 
@@ -32,3 +44,16 @@ def tiny() -> Scene:
 def tiny_copy(tmp_path: Path) -> Path:
     """A copy of `tiny` to break in one place; what it looks like before is checked by the test of the shipped scene."""
     return Path(shutil.copytree(TINY, tmp_path / "tiny"))
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """A real browser, by ``apt-get install chromium`` and the extra ``browser``; without one what needs it is skipped, visibly."""
+    sync = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        pytest.skip("needs a browser: apt-get install chromium")
+    with sync.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=chromium, args=list(FLAGS))
+        yield opened
+        opened.close()

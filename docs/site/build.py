@@ -28,6 +28,8 @@ FIRST = f"[The published table as a page]({PLACE}/index.html), to sort, to compa
 FOUND = ("cite", "prior", "gpu", "licence")
 """Words that a reader types into the search box, each of which a heading answers."""
 
+PICTURE = re.compile(r"^(!\[[^]\n]*\]\(([^()\s]+)\))$", re.MULTILINE)
+"""A picture in a line of its own, which a click shows as large as it is: a page is often too narrow for what is written in it."""
 LINK = re.compile(r"\]\(([^()\s#]+)[^()\s]*\)")
 
 
@@ -62,11 +64,14 @@ def main(root: Path = ROOT) -> int:
         place = stage / path.relative_to(root)
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, place)
+        if path.suffix == ".md":
+            place.write_text(PICTURE.sub(r"[\1](\2)", path.read_text(encoding="utf-8")), encoding="utf-8")
     if (stage / SETTINGS).is_file():
-        (stage / SETTINGS).write_text((root / SETTINGS).read_text(encoding="utf-8") + "\n" + settings.page(root), encoding="utf-8")
+        with (stage / SETTINGS).open("a", encoding="utf-8") as page:
+            page.write("\n" + settings.page(root))
     if (root / REPORT).is_dir():
         shutil.copytree(root / REPORT, stage / PLACE)
-        title, _, text = (root / "README.md").read_text(encoding="utf-8").partition("\n")
+        title, _, text = (stage / "README.md").read_text(encoding="utf-8").partition("\n")
         (stage / "README.md").write_text(f"{title}\n\n{FIRST}\n{text}", encoding="utf-8")
     command = [sys.executable, "-m", "mkdocs", "build", "--config-file", str(site / "mkdocs.yml")]
     ended = subprocess.run(command, cwd=root, capture_output=True, text=True)

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,7 +17,7 @@ from ia_bench.common.settings import flat
 from ia_bench.runs.composition import compose
 
 ROOT = Path(__file__).resolve().parents[2]
-SITE = ROOT / "docs" / "site"
+SITE, BUILT = ROOT / "docs" / "site", ROOT / "results" / "docs"
 PYTHON = ROOT / ".venv-docs" / "bin" / "python"  # made by `make docs`, which CI runs before the tests
 HEADINGS = "# Start\n\n## What to cite\n\n## A prior\n\n## A GPU\n\n## The licence\n\n[the log](docs/log/a.md)\n"
 needs_mkdocs = pytest.mark.skipif(not PYTHON.exists(), reason="`make docs` has made no .venv-docs here")
@@ -70,6 +71,15 @@ def test_a_mistake_fails_the_build(root: Path, page: str, text: str, said: str) 
 
 
 @needs_mkdocs
+def test_a_click_on_a_picture_shows_it_whole(root: Path) -> None:
+    (root / "docs" / "a.webp").write_bytes(b"RIFF")
+    write(root / "docs" / "log" / "a.md", "# A log\n\n![what is in it](../a.webp)\n")
+    assert build(root) == (0, "")
+    shown = (root / "results" / "docs" / "docs" / "log" / "a.html").read_text(encoding="utf-8")
+    assert re.search(r'<a href="../a.webp"><img [^>]*src="../a.webp"', shown)
+
+
+@needs_mkdocs
 def test_the_report_page_is_built_in_and_linked_first(root: Path) -> None:
     page = root / "results" / "published" / "page"
     (page / "parts").mkdir(parents=True)
@@ -81,6 +91,21 @@ def test_the_report_page_is_built_in_and_linked_first(root: Path) -> None:
     article = (site / "index.html").read_text(encoding="utf-8").partition("<article")[2]
     links = [link for link in re.findall(r'href="([^"]+)"', article) if not link.startswith("#")]
     assert links[0] == "docs/results/page/index.html"
+
+
+@pytest.mark.skipif(not BUILT.is_dir(), reason="`make docs` has built no site here")
+@pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "dark")])
+def test_no_page_is_wider_than_the_window(browser: Any, width: int, scheme: str) -> None:
+    """Those with the widest tables and code: each scrolls by itself. Nothing is asked of a network, and no console complains."""
+    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    opened, wrong = context.new_page(), []
+    opened.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+    opened.on("request", lambda request: wrong.append(request.url) if request.url.startswith("http") else None)
+    for page in ("index", "docs/settings", "docs/value", "docs/results/report", "docs/results/page/index", "datasets/index"):
+        opened.goto((BUILT / f"{page}.html").as_uri(), timeout=0)
+        wrong += [page] if opened.evaluate("document.documentElement.scrollWidth") > width else []
+    context.close()
+    assert wrong == []
 
 
 def test_every_page_of_the_log_is_reached_from_its_first() -> None:

@@ -1,11 +1,7 @@
-"""A page, and a real browser for it; without Chromium or Playwright what needs one is skipped, visibly.
-
-``apt-get install chromium`` and ``pip install playwright`` (extra ``browser``) bring them.
-"""
+"""A page, and a real browser for it (tests/conftest.py)."""
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -21,28 +17,6 @@ from ia_bench.scenes.exr import write_exr
 
 GREY_ALBEDO = 0.25  # of the row "grey", everywhere
 PAGE_ROWS = {"ceiling": 40.0, "constant": 10.0, "none": 20.0, "grey": 24.0}  # PSNR of seed 0 on hat, in dB
-
-FLAGS = (
-    "--no-sandbox",
-    "--disable-gpu",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--no-first-run",
-    "--disable-component-update",
-    "--disable-sync",
-)
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    sync = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    if chromium is None:
-        pytest.skip("needs a browser: apt-get install chromium")
-    with sync.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=chromium, args=list(FLAGS))
-        yield opened
-        opened.close()
 
 
 @pytest.fixture
