@@ -38,7 +38,7 @@ def twin_of(scene: Scene, samples: int, points: int, *, turning: bool) -> Scene:
         raise SystemExit(f"{scene.source}: expected true textures, found none")
     how = turning_light(scene.train, TURNING, print) if turning else None
     recovered = TexturedReconstruction.of(
-        Assets(scene.expect_mesh(), truth.albedo, truth.roughness), Stage(scene.expect_mesh(), CPU)
+        Assets(scene.expect_mesh(), truth.albedo, truth.roughness, truth.metallic), Stage(scene.expect_mesh(), CPU)
     )
     light = LatLongEnvironment(torch.from_numpy(truth.lights["train"]), turning=how)
 

@@ -53,8 +53,9 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     if settings.consistency:
         note(f"capture.consistency={settings.consistency}: poses and masks are made to agree with each other")
         train = _agreeing(train, settings, note, begin)
-    differ = scene.exposures_differ or settings.exposure == "per_image"
-    shaped = replace(scene, train=train, exposures_differ=differ)
+    coloured = scene.white_balances_differ or settings.white_balance == "per_image"
+    differ = scene.exposures_differ or settings.exposure == "per_image" or coloured
+    shaped = replace(scene, train=train, exposures_differ=differ, white_balances_differ=coloured)
     if settings.geometry != "given" or scene.mesh is None:
         from ia_bench.capture.shapes import with_geometry
 
@@ -88,6 +89,8 @@ def record(scene: Scene, settings: CaptureSettings) -> dict[str, Any]:
     further: dict[str, Any] = {} if settings.faults == FaultSettings() else {"faults": asdict(settings.faults)}
     if any(view.exposure is not None for view in (*scene.test, *scene.novel)):
         further["recorded_exposures"] = "divided out"
+    if scene.white_balances_differ:
+        further["white_balance"] = "per_image"
     if scene.turning is not None:
         poses = np.stack([view.camera.to_world for view in scene.train])
         angles = {} if scene.turning.axis is None else {"degrees": np.degrees(scene.turning.angles(poses)).round(3).tolist()}

@@ -70,6 +70,8 @@ class CaptureSettings:
         radiometry: "hdr" leaves images as they are; "ldr" exposes, clips and quantises them to 8-bit sRGB.
         exposure: "fixed" is one exposure, or what cameras recorded of several; "per_image" one for each image, which is not known,
             or known by such a record alone roughly: "ldr" exposes them so, and of "hdr" it says that the images were.
+        white_balance: "fixed", or "per_image": the images were multiplied by three factors each that are not known, exposure and
+            white balance; nothing is simulated.
         percentile: Share of the object's pixels, in percent, that an exposure keeps below the clip.
         jpeg: Of "ldr": quality of the JPEG that each photograph goes through, 1 to 95 as encoders count; "none" keeps all bits.
         background: Grey behind the object, as a share of the radiance at ``percentile``: pixels at the edge mix it in, and a mask
@@ -95,6 +97,7 @@ class CaptureSettings:
     views: Number | Literal["all"] = "all"
     radiometry: Literal["hdr", "ldr"] = "hdr"
     exposure: Literal["fixed", "per_image"] = "fixed"
+    white_balance: Literal["fixed", "per_image"] = "fixed"
     percentile: Annotated[float, Field(gt=0, le=100)] = 98.0
     jpeg: Annotated[int, Field(ge=1, le=95)] | Literal["none"] = "none"
     background: Annotated[float, Field(ge=0, le=10)] | Literal["none"] = "none"
@@ -156,8 +159,8 @@ def _word(key: str, value: object) -> str:
         return "given normals"  # where their folder lies says nothing
     if isinstance(value, tuple):
         return "axis " + " ".join(f"{part:g}" for part in value)
-    if key == "light":
-        return f"light {value}"
+    if key in ("light", "white_balance"):
+        return f"{key} {value}".replace("_", " ")
     if key == "views":
         return f"{value} view" if value == 1 else f"{value} views"
     if value == "none":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -16,7 +16,7 @@ from ia_bench.material.textures import Material
 from ia_bench.methods.info import HeldOut, MethodInfo
 from ia_bench.methods.monitor import CostTracker, Monitor, Result
 from ia_bench.methods.photographs import Photographs, evenly_spread
-from ia_bench.methods.plan import Plan, choose_prior_views, make_plan
+from ia_bench.methods.plan import Decision, Plan, choose_prior_views, make_plan
 from ia_bench.priors.contract import NoPrior, Prior, PriorInfo, Samples
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.renderer import Renderer
@@ -72,6 +72,13 @@ class Problem:
             for decision in plan.decisions:
                 self.note(decision.line)
             return plan
+
+    def settle(self, decision: Decision) -> None:
+        """Put what a method has found out of a setting of the renderer into the plan, and tell it."""
+        found, others = {decision.what.removeprefix("render."): decision.value}, self.plan.decisions
+        kept = [one for one in others if one.what != decision.what]
+        vars(self)["plan"] = replace(self.plan, **found, decisions=[*kept, decision])
+        self.note(decision.line)
 
     @cached_property
     def gbuffer(self) -> GBuffer:
@@ -209,7 +216,7 @@ class FitState:
     Attributes:
         problem: Of the fit; its ``asked_views`` are those that a prior is asked about.
         light: As recovered so far.
-        exposures: The factors (V,) by which the photographs were exposed; None where they are the same.
+        exposures: The factors (V, 1), or (V, 3) by channel, by which photographs were exposed; None where they are the same.
         observed: (T, T) bool, texels that some photograph shows.
         generator: Draws whatever is random.
         refine: Asks the prior to correct a fit's renders (:meth:`ia_bench.priors.contract.Refiner.refine`).

@@ -81,7 +81,7 @@ def as_photographed(renders: Mapping[str, Tensor], views: tuple[int, ...], expos
     """``renders`` (V', H, W, C) of some ``views`` with those that are radiance exposed as these photographs are."""
     if exposures is None:
         return dict(renders)
-    factor = exposures[list(views), None, None, None]
+    factor = exposures[list(views), None, None]
     return {name: images if name == "albedo" else factor * images for name, images in renders.items()}
 
 

@@ -73,7 +73,7 @@ class Plan:
     light_height: int
     shadows: str
     bounces: int = 0
-    metallic: bool = False
+    metallic: bool | None = False  # None where the scene's description does not say, and nobody has found out
     decisions: list[Decision] = field(default_factory=list)
 
     def record(self) -> dict[str, list[Any]]:
@@ -281,6 +281,8 @@ def _light(probe: _Probe) -> Decision:
 
 def _metallic(probe: _Probe) -> Decision:
     metallic = probe.scene.metallic
+    if metallic is None:
+        return Decision(None, "the scene's description does not say whether there is metal", {}, "a metallic texture")
     why = f"the scene's description names {'' if metallic else 'no '}parts of metal"
     return Decision(metallic, why, {"metallic": float(metallic)}, None if metallic else "a metallic texture")
 

@@ -34,7 +34,8 @@ FAR = 1e12  # scene units
 KINDS = {
     "name": (str, "one line of text"),
     "source": (str, "text"),
-    **dict.fromkeys(("metallic", "exposures_differ", "mesh_is_made"), (bool, "true or false")),
+    "metallic": (bool | None, "true or false"),
+    **dict.fromkeys(("exposures_differ", "white_balances_differ", "mesh_is_made"), (bool, "true or false")),
     **dict.fromkeys(("notes", *SPLITS), (tuple, "a tuple")),
 }
 """Fields of a Scene whose types are asked first, with words for them: what else is said of it holds for these alone."""

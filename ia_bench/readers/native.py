@@ -51,7 +51,8 @@ class NativeReader:
             raise InputError(f"{folder}: no such scene folder")
         description = read_json(folder / DESCRIPTION)
         for key, kind in CHECKED.items():
-            if key in description and not isinstance(description[key], kind):
+            unsaid = key == "metallic" and description.get(key, False) is None  # nobody knows, as of captures that were written so
+            if key in description and not unsaid and not isinstance(description[key], kind):
                 raise InputError(f"{folder / DESCRIPTION}: {key}: expected {kind.__name__}, found {description[key]!r}")
         for key, expected, default in (("schema", 1, 1), ("color_space", "linear_rec709", None), ("up", "z", "z")):
             if (found := description.get(key, default)) != expected:

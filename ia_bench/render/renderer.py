@@ -38,7 +38,7 @@ class PixelRadiance:
         return shaded if self.mirrored is None else shaded + self.mirrored
 
     def exposed(self, factors: Tensor) -> PixelRadiance:
-        """The same light times (P, 1) factors; the albedo stays."""
+        """The same light times (P, 1) or (P, 3) factors; the albedo stays."""
         return replace(self._each(lambda values: factors * values), albedo=self.albedo)
 
     def averaged(self, estimates: int) -> PixelRadiance:

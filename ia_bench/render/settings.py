@@ -39,7 +39,8 @@ class RenderSettings:
             "auto" as often as a probe finds to matter.
         coat: "layered", the specular lobe takes its share of the light before the diffuse one, as in a Principled BSDF;
             "added", both get all of it, as in the paper's equation 2.
-        metallic: Whether a metallic texture is recovered too; "auto" where the scene's description says that parts are metal.
+        metallic: Whether a metallic texture is recovered too; "auto" where the scene's description says that parts are metal, or,
+            if it says nothing, where two short fits find that photographs ask for it (:mod:`ia_bench.methods.two_stage.metal`).
     """
 
     samples: Number = 32

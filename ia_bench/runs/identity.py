@@ -20,7 +20,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import hash_of_files, shown
 from ia_bench.common.machine import environment
 from ia_bench.common.ranges import NO_NUMBER
-from ia_bench.runs.config import ReaderConfig, RunConfig, SceneConfig, method_of, resolve_scene_folder, slug
+from ia_bench.runs.config import NATIVE_READER, ReaderConfig, RunConfig, SceneConfig, method_of, resolve_scene_folder, slug
 
 IDENTITY_VERSION = 10
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
@@ -47,6 +47,10 @@ def identity(config: RunConfig) -> dict[str, Any]:
         del content["capture"]["sdf"]  # which then decides nothing
     if config.capture.light == "static":
         del content["capture"]["light"], content["capture"]["turntable_axis"]  # runs before there was a choice stay the same
+    if config.capture.white_balance == "fixed":
+        del content["capture"]["white_balance"]  # likewise
+    if config.reader.target != NATIVE_READER and config.render.metallic == "auto":
+        content["render"]["metallic"] = "by evidence"  # which has changed where scenes do not say it: native ones all do
     for plugin, options in _plugins(config):
         paths = _files_of(plugin, options)
         content[plugin.kind] |= {

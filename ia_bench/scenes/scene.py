@@ -210,9 +210,10 @@ class Scene:
         novel: Views that renders are scored against, of the training light ("train") and of lights that no method has seen.
         truth: None unless it was asked for, and in the scene that methods are given (see :meth:`blind`).
         notes: Repairs made while reading, one line each.
-        metallic: Whether the scene's description says that parts of the object are metal.
+        metallic: Whether the scene's description says that parts of the object are metal; None where it does not say.
         exposures_differ: Whether every training image may have been multiplied by a factor of its own, which nobody knows; the
             geometric mean of these factors is 1.
+        white_balances_differ: Whether these factors are three an image, one a channel; the exposures then differ, too.
         mesh_is_made: Whether the mesh is no part of what was read, but was made for this capture.
         saturated_share: The part of the object's pixels in the training views, from 0 to 1, that this capture has clipped.
         turning: How the training light turns with the camera; None where it stands still.
@@ -226,8 +227,9 @@ class Scene:
     novel: tuple[View, ...] = ()
     truth: Truth | None = None
     notes: tuple[str, ...] = ()
-    metallic: bool = False
+    metallic: bool | None = None
     exposures_differ: bool = False
+    white_balances_differ: bool = False
     mesh_is_made: bool = False
     saturated_share: float = 0.0
     turning: TurningLight | None = None
@@ -239,12 +241,13 @@ class Scene:
         """
         given = self.mesh
         mesh = given and Mesh(*(part.copy() for part in (given.vertices, given.faces, given.normals, given.uv)))
-        views, differ = list[View](), self.exposures_differ
+        views = list[View]()
         for view in self.train:
             camera = replace(view.camera, to_world=view.camera.to_world.copy())
             valid = None if view.valid is None else view.valid.copy()
             views.append(View(view.name, camera, view.image.copy(), view.mask.copy(), view.light, valid=valid))
-        known: dict[str, Any] = {"metallic": self.metallic, "exposures_differ": differ, "turning": self.turning}
+        said = "metallic", "exposures_differ", "white_balances_differ", "turning"
+        known: dict[str, Any] = {name: getattr(self, name) for name in said}
         return Scene(self.name, f"scene {self.name}", mesh, tuple(views), **known)
 
     def expect_mesh(self) -> Mesh:

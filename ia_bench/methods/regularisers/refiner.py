@@ -76,7 +76,7 @@ def fitted_views(
     """What a fit shows in some training ``views``, those of the ``fusion``, as a prior is to correct it.
 
     The pictures are those of :meth:`ia_bench.priors.contract.Refiner.refine`; their :func:`evidence` is that of these photographs.
-    ``exposures``: the factors (V,) by which the photographs of all training views were exposed; None where they are the same.
+    ``exposures``: the factors (V, 1 or 3) by which photographs of all training views were exposed; None where they are the same.
     """
     part, _ = restrict(problem.gbuffer, views)
     rendered = as_photographed(problem.renderer.render_images(part, material, light, SAMPLES, generator), views, exposures)

@@ -38,7 +38,7 @@ def solved_albedo(
 
     Args:
         problem: Of the fit.
-        exposures: What renders of each view are multiplied with (V,), None where that is 1.
+        exposures: What renders of each view are multiplied with (V, 1 or 3), None where that is 1.
         material: As recovered; where no pixel sees it, its albedo stays.
         light: As recovered.
         generator: Of the samples of renders, ``render.samples`` a pixel.
@@ -51,7 +51,7 @@ def solved_albedo(
         return material.albedo
     gbuffer, surface = problem.gbuffer.at(chosen), problem.renderer.surface
     rendered = problem.renderer.render_entries(gbuffer, material, light, problem.plan.samples, generator)
-    factor = 1.0 if exposures is None else exposures[gbuffer.view()][:, None]
+    factor = 1.0 if exposures is None else exposures[gbuffer.view()]
     diffuse, radiance = factor * rendered["diffuse"], factor * rendered["radiance"]
     residual, scale = photographs.radiance[chosen] - radiance, radiance + DIM * radiance.mean().clamp_min(1e-12)
     weight = (diffuse / scale).square() / (1 + (residual / (RESIDUAL * scale)).square())

@@ -64,7 +64,7 @@ class Losses:
 
         def render(pixels: Tensor, samples: int) -> PixelRadiance:
             rendered = self._problem.renderer.render_pixels(gbuffer, pixels, material, light, samples, generator)
-            return rendered if exposures is None else rendered.exposed(exposures[gbuffer.view(pixels)][:, None])
+            return rendered if exposures is None else rendered.exposed(exposures[gbuffer.view(pixels)])
 
         if settings.image_loss == "l1":
             rendered = render(pixels, self._problem.plan.samples)

@@ -49,6 +49,9 @@ class TwoStage:
                 is in the monitor's checkpoint.
             InputError: The prior cannot be used in the way that the problem's coupling or the settings say.
         """
-        from ia_bench.methods.two_stage.fit import Fit  # brings in torch
+        from ia_bench.methods.two_stage.fit import Fit  # brings in torch, as the next one does
+        from ia_bench.methods.two_stage.metal import look_for_metal
 
+        if problem.plan.metallic is None:
+            look_for_metal(problem)
         return Fit(problem, self.options, seed, monitor).finish()

@@ -25,8 +25,8 @@ class Parameters:
 
     Attributes:
         tensors: "albedo" (T, T, 3), "roughness" and "metallic" (T, T, 1), "log_light" (H, 2H, 3): leaves of the gradient. Where the
-            photographs' exposures differ also "log_exposure" (V,), whose mean is kept at 0, as ``Scene.exposures_differ`` says:
-            all of them and the light share a factor that images cannot tell.
+            photographs' exposures differ also "log_exposure" (V, 1), or (V, 3) where their white balances do, whose mean over the
+            views is kept at 0, as ``Scene.exposures_differ`` says: they and the light share a factor that images cannot tell.
         observed: (T, T) bool, texels that some training view sees, in a pixel that its mask does not leave out.
         optimizer: Adam, one group a tensor.
         multigrid: Its steps at coarser scales.
@@ -47,7 +47,8 @@ class Parameters:
             self.tensors["metallic"] = torch.full((t, t, 1), settings.metallic_initial, device=device)
         images = dict(self.tensors)
         if problem.scene.exposures_differ:
-            self.tensors["log_exposure"] = torch.zeros(problem.gbuffer.shape[0], device=device)
+            channels = 3 if problem.scene.white_balances_differ else 1
+            self.tensors["log_exposure"] = torch.zeros(problem.gbuffer.shape[0], channels, device=device)
         for tensor in self.tensors.values():
             tensor.requires_grad_(True)
         self._settings, self._turning = settings, problem.scene.turning
@@ -88,7 +89,7 @@ class Parameters:
 
     @property
     def exposures(self) -> Tensor | None:
-        """The factors (V,) of the photographs, through which gradients flow; None where they are known to be the same."""
+        """The factors (V, 1 or 3) of the photographs, through which gradients flow; None where they are known to be the same."""
         return torch.exp(self.tensors["log_exposure"]) if "log_exposure" in self.tensors else None
 
     def light(self, *, uniform: float | None = None) -> SampledLight:
@@ -129,7 +130,7 @@ class Parameters:
                 if name in self.tensors:
                     self.tensors[name].clamp_(least, 1)
             if "log_exposure" in self.tensors:
-                self.tensors["log_exposure"] -= self.tensors["log_exposure"].mean()
+                self.tensors["log_exposure"] -= self.tensors["log_exposure"].mean(0)
         return blocked
 
     @property

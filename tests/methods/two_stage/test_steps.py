@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 from small_fit import SETTINGS, altered
 from torch import Tensor
@@ -164,19 +165,21 @@ def test_white_texels_are_not_pushed_further() -> None:
     torch.testing.assert_close(albedo.detach(), start * torch.exp(torch.tensor(0.05)))
 
 
-def test_exposures_that_the_images_tell(problem: Problem) -> None:
+@pytest.mark.parametrize("channels", [1, 3])
+def test_exposures_that_the_images_tell(problem: Problem, channels: int) -> None:
     """The same light photographed at 1/2 to 2 of it; factors are told up to their mean, and a step that is skipped moves none."""
-    parameters = Parameters(altered(problem, scene=replace(problem.scene, exposures_differ=True)), SETTINGS)
+    scene = replace(problem.scene, exposures_differ=True, white_balances_differ=channels == 3)
+    parameters = Parameters(altered(problem, scene=scene), SETTINGS)
     assert parameters.exposures is not None
     views = len(parameters.exposures)
     parameters.exposures.sum().backward()
     parameters.clear()  # as the next step begins
     parameters.descend(0, 1000)
-    assert parameters.exposures.tolist() == [1] * views
-    true = torch.linspace(-0.7, 0.7, views).exp()
+    assert parameters.exposures.tolist() == [[1] * channels] * views
+    true = (torch.linspace(-0.7, 0.7, views)[:, None] * torch.tensor([1.0, -0.5, 0.2])[:channels]).exp()
     for step in range(300):
         parameters.clear()
         (parameters.exposures * 0.7 - 0.7 * true).abs().mean().backward()
         parameters.descend(step, 1000)
-        assert abs(float(parameters.tensors["log_exposure"].detach().sum())) < 1e-5
+        assert float(parameters.tensors["log_exposure"].detach().sum(0).abs().max()) < 1e-5
     torch.testing.assert_close(parameters.exposures.detach(), true, rtol=0.05, atol=0)

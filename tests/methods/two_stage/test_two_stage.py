@@ -13,7 +13,9 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material, fetch
 from ia_bench.methods.contract import Monitor, PixelSamples, Problem
+from ia_bench.methods.plan import Decision
 from ia_bench.methods.two_stage.fit import Fit, start_albedo
+from ia_bench.methods.two_stage.metal import FEWEST, GAIN, look_for_metal
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import NoPrior
@@ -140,3 +142,46 @@ def test_metal_is_told_from_paint(half_metal: tuple[Problem, Material]) -> None:
     guess = fetch(found.metallic, uv)[:, 0]
     assert float(guess[metal].mean()) > float(guess[~metal].mean()) + 0.3
     assert sum(with_metal.losses[-20:]) < 0.9 * sum(without.losses[-20:])
+
+
+def undecided(problem: Problem, notes: list[str]) -> Problem:
+    """The problem as the plan leaves it where the scene's description does not say whether there is metal."""
+    plan = replace(problem.plan, metallic=None, decisions=[Decision(None, "nobody says", what="render.metallic")])
+    return altered(problem, plan=plan, note=notes.append)
+
+
+def test_metal_is_found_by_photographs_held_out(half_metal: tuple[Problem, Material], problem: Problem) -> None:
+    """The same object with one half of metal, and without: the plan says which, always with the same figures, and shows them."""
+    for asked, metal in ((half_metal[0], True), (problem, False)):
+        found, notes = [], list[str]()
+        for _ in range(2):
+            look_for_metal(trial := undecided(asked, notes))
+            (decision,) = trial.plan.decisions
+            assert trial.plan.metallic is decision.value is metal
+            assert decision.left_out == (None if metal else "a metallic texture")
+            found.append(decision)
+        assert found[0] == found[1]
+        assert notes == [found[0].line] * 2
+        without, by_metal = found[0].measured.values()
+        assert (by_metal - without >= GAIN) is metal
+        assert f"{by_metal:.2f} dB" in notes[0]
+        assert f"{without:.2f}" in notes[0]
+
+
+def test_a_run_that_goes_on_decides_no_other_way(half_metal: tuple[Problem, Material], record: Record) -> None:
+    notes: list[str] = []
+    whole = fit(undecided(half_metal[0], notes), NoPrior(), SETTINGS, every_step := Record(every=0))
+    again = fit(undecided(half_metal[0], notes), NoPrior(), SETTINGS, record, resume=every_step.states[12])
+    assert whole.material.metallic is not None
+    assert same(whole, again)
+    assert torch.equal(whole.material.metallic, again.material.metallic)
+    assert len(notes) == 2
+    assert len(set(notes)) == 1
+
+
+def test_few_photographs_show_no_metal(half_metal: tuple[Problem, Material]) -> None:
+    asked = undecided(half_metal[0], notes := [])
+    few = replace(asked.scene, train=asked.scene.train[: FEWEST - 1])
+    look_for_metal(trial := altered(asked, scene=few))
+    assert trial.plan.metallic is False
+    assert notes == ["plan: render.metallic = False: 5 photographs are too few to hold some out and see"]
