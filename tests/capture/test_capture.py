@@ -111,6 +111,11 @@ def test_ldr_captures_say_what_they_lost(tiny: Scene) -> None:
     assert [v.image.tobytes() for v in after.novel] == [v.image.tobytes() for v in tiny.novel]
     assert after.exposures_differ is False
     assert take(tiny, radiometry="ldr", exposure="per_image").blind().exposures_differ is True
+    assert after.white_balances_differ is False
+    coloured = take(tiny, white_balance="per_image").blind()
+    assert (coloured.exposures_differ, coloured.white_balances_differ) == (True, True)  # whose exposures then differ as well
+    assert record(coloured, CaptureSettings(white_balance="per_image"))["white_balance"] == "per_image"
+    assert CaptureSettings(white_balance="per_image").label == "white balance per image"
 
 
 def test_only_what_was_clipped_counts_as_saturated(tiny: Scene) -> None:

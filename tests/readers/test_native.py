@@ -98,6 +98,8 @@ def test_what_is_written_is_the_same_scene(tiny: Scene, tmp_path: Path) -> None:
     assert difference(*(replace(scene, source="", notes=(), mesh=None) for scene in (found, tiny))) is None
     for name in ("vertices", "faces", "normals", "uv"):
         np.testing.assert_allclose(getattr(found.mesh, name), getattr(tiny.mesh, name), atol=1e-6)  # normals are normalised
+    write_native(tmp_path / "unsaid", replace(tiny, metallic=None))
+    assert NativeReader(tmp_path / "unsaid").read(truth=False).metallic is None
 
 
 def test_a_mesh_is_optional(tiny_copy: Path) -> None:

@@ -57,6 +57,7 @@ def hash_with(*overrides: str) -> str:
 ALL_CORES = f"threads={len(os.sched_getaffinity(0))}"
 SAME = f"out=elsewhere row=another preset=quick prior.cache=false fit.pixels=2048 {ALL_CORES}"
 OTHERS = """seed=1 threads=63 capture.views=8 capture.geometry=hull capture.geometry=sdf scene=ship prior=oracle method=ceiling
+    capture.white_balance=per_image
     reader.options.uv=xatlas preset=smoke protocol.lpips.net=alex protocol.ssim.sigma=2 protocol.samples_per_pixel=65
     render.shadows=none fit.rates.light=0.3"""
 
