@@ -37,10 +37,10 @@ def look_for_metal(problem: Problem) -> None:
     Compared are tone-mapped photographs and renders, in decibels: 20 log10(1 / RMS). Of photographs whose exposures differ, renders
     are brought to their mean first. Light that bounces off the object is left out.
     """
-    views, measured, light = range(len(problem.scene.train)), dict[str, float](), "a metallic texture"
+    views, measured, saved = range(len(problem.scene.train)), dict[str, float](), "a metallic texture"
     if len(views) < FEWEST:
         why = f"{len(views)} photographs are too few to hold some out and see"
-        problem.settle(Decision(False, why, {"photographs": float(len(views))}, light, "render.metallic"))
+        problem.settle(Decision(False, why, {"photographs": float(len(views))}, saved, "render.metallic"))
         return
     with problem.costs.exclude("bake"):
         judged = views[1::HELD_OUT]
@@ -52,7 +52,7 @@ def look_for_metal(problem: Problem) -> None:
     found = by_metal - without >= GAIN
     why = f"{len(judged)} photographs that short fits did not see are met to {by_metal:.2f} dB with a metallic texture and "
     why += f"{without:.2f} without, {'at least' if found else 'less than'} {GAIN} dB more"
-    problem.settle(Decision(found, why, measured, None if found else light, "render.metallic"))
+    problem.settle(Decision(found, why, measured, None if found else saved, "render.metallic"))
 
 
 def _part(problem: Problem, views: Sequence[int], metallic: bool) -> Problem:

@@ -67,6 +67,7 @@ def test_factors_of_known_material_and_light(scene: Scene, problem: Problem, fac
     torch.testing.assert_close(found.log().mean(0), torch.zeros(3), rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_fit_finds_factors_and_the_albedo_beside_them(scene: Scene, problem: Problem, factors: Tensor) -> None:
     """Of the scene's own photographs, by all of a short fit: its albedo is about that of photographs without factors.
 
