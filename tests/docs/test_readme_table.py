@@ -6,12 +6,17 @@ import csv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-COLUMNS = ("aligned_albedo_psnr", "relighting_psnr", "view_synthesis_psnr")
+COLUMNS = ("aligned_albedo_psnr", "relighting_psnr", "roughness_mse")
 SHOWN = ["constant", "nvdiffrecmc, shared mesh", "diffusion, targets", "none", "diffusion, kernel", "combined", "oracle"]
 
 
 def cell(row: dict[str, str], column: str) -> str:
-    """A mean and its interval: with one more decimal where it would be shown as zero, left out where it would be even so."""
+    """A mean and its interval: with one more decimal where it would be shown as zero, left out where it would be even so.
+
+    Of a mean square, three decimals and no interval.
+    """
+    if column.endswith("_mse"):
+        return f"{float(row[column]):.3f}".lstrip("0")
     half = float(row[f"{column}_half_width"] or 0)
     shown = f"{float(row[column]):.1f}"
     return shown + (f" ± {half:.{1 if round(half, 1) else 2}f}" if round(half, 2) else "")
