@@ -133,7 +133,7 @@ def test_what_a_prior_is_shown_of_a_fit_is_exposed_as_the_photographs_are(proble
         shown = fitted_views(one, Fusion(one, views), views, material, light, generator, exposures)
         return float(shown["evidence"][..., 0].square().mean().sqrt())
 
-    before, known, unknown = off(problem, None), off(exposed, factors), off(exposed, None)
+    before, known, unknown = off(problem, None), off(exposed, factors[:, None]), off(exposed, None)
     assert known == pytest.approx(before, rel=0.1)
     assert unknown > 1.5 * known
 

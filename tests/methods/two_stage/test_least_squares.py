@@ -85,8 +85,8 @@ def test_what_is_unknown_or_off_by_far_does_not_pull(known: tuple[Problem, Mater
 
 def test_renders_are_exposed_as_the_photographs_are(known: tuple[Problem, Material, SampledLight, Tensor]) -> None:
     problem, _, _, photographs = known
-    exposures = torch.linspace(-0.3, 0.3, problem.gbuffer.shape[0]).exp()
-    images = exposures[problem.gbuffer.view()][:, None] * photographs
+    exposures = torch.linspace(-0.3, 0.3, problem.gbuffer.shape[0]).exp()[:, None]
+    images = exposures[problem.gbuffer.view()] * photographs
     before, after = solve(known, images=images, exposures=exposures)
     assert after < 0.4 * before
 
