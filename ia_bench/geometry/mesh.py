@@ -13,7 +13,7 @@ import torch
 
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import is_file, shown
+from ia_bench.common.files import hash_of_files, is_file, shown
 from ia_bench.scenes.scene import Mesh
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
     """
     if path.suffix.lower() != ".ply" or not is_file(path):
         return _read_mesh(path, uv)
-    cache, key = Cache(), content_key("mesh", READ, path.name, uv, np.fromfile(path, np.uint8))
+    cache, key = Cache(), content_key("mesh", READ, uv, hash_of_files(path.parent, [path]))
     found = cache.get(key)
     if found is not None:
         tensors, about = found

@@ -243,3 +243,20 @@ def test_normals_turn_with_their_part(tmp_path: Path, linear: np.ndarray) -> Non
     for across in ([0.0, 1, 0], [-0.8, 0, 0.6]):  # at right angles to HARD
         np.testing.assert_allclose(moved @ (linear @ across), 0, atol=1e-5)
     assert (moved @ (linear @ HARD[0]) > 0).all()
+
+
+def test_a_kept_mesh_is_that_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read again from the cache, parsed by nobody, with its notes; a file that has changed is read anew."""
+    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path / "cache"))
+    path = tmp_path / "mesh.ply"
+    trimesh.creation.box().export(path)
+    mesh, notes = load_mesh(path, uv="xatlas")
+    with monkeypatch.context() as without:
+        without.delattr("ia_bench.geometry.mesh.parsed_by_trimesh")
+        again, said = load_mesh(path, uv="xatlas")
+    assert said == notes != ()
+    for name in ("vertices", "faces", "normals", "uv"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(mesh, name))
+        assert getattr(again, name).dtype == getattr(mesh, name).dtype
+    trimesh.creation.box((2, 2, 2)).export(path)
+    assert np.ptp(load_mesh(path, uv="xatlas")[0].vertices) > 1.5 * np.ptp(mesh.vertices)
