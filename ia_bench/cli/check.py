@@ -15,7 +15,6 @@ from ia_bench.common.exit_codes import FAULT, OK, command, say
 from ia_bench.common.machine import limit_threads
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import method_of, slug
-from ia_bench.runs.scene import captured_scene, open_scene
 
 if TYPE_CHECKING:
     from ia_bench.checks.finding import Finding
@@ -108,6 +107,7 @@ def _on_tiny(arguments: Sequence[str]) -> tuple[RunConfig, Scene, Callable[[Scen
     limit_threads(config.threads or 1)
     from ia_bench.methods.monitor import CostTracker  # brings in torch, as what follows
     from ia_bench.runs.run import problem_of
+    from ia_bench.runs.scene import captured_scene
 
     scene, info = captured_scene(config, lambda _: None), method_of(config).info
     return config, scene, lambda scene: problem_of(config, scene, info, note=lambda _: None, costs=CostTracker())
@@ -143,6 +143,7 @@ def _check_regulariser(arguments: Sequence[str]) -> Checked:
 
 def _check_reader(arguments: Sequence[str]) -> Checked:
     from ia_bench.checks.readers import check_reader
+    from ia_bench.runs.scene import open_scene
 
     config = compose([text for text in arguments if not text.startswith("sheet=")])
     open_scene(config.scene, config.reader)  # as in _maker

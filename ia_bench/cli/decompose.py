@@ -12,7 +12,6 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
-from ia_bench.runs.decomposition import decompose_with, make_prior, reduced, write_decomposition
 from ia_bench.scenes.photograph import read_photograph
 
 
@@ -36,6 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     twice = next((stem for stem in stems if stems.count(stem) > 1), None)
     if twice is not None:
         raise InputError(f"expected images of different names, found {stems.count(twice)} called {twice}: give them one by one")
+    from ia_bench.runs.decomposition import decompose_with, make_prior, reduced, write_decomposition  # brings in torch
+
     # all mistakes come before any work
     read = [read_photograph(path, wanted.mask, notice=lambda text: say(text, sys.stdout)) for path in wanted.images]
     maker = make_prior(wanted.prior, {}, [f"prior.options.{text}" for text in wanted.option])

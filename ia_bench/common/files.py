@@ -91,6 +91,11 @@ def _hash_of_states(root: Path, files: tuple[tuple[Path, int, int], ...]) -> str
     return digest.hexdigest()
 
 
+def compact_json(content: object) -> str:
+    """JSON without a blank that nobody reads."""
+    return json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+
+
 def shown(name: object) -> str:
     """A path or value as one short line that every terminal can print."""
     text = printable(str(name))

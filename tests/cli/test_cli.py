@@ -155,6 +155,16 @@ def test_every_command_says_what_it_takes(name):
     assert len(shown.stdout.splitlines()) <= 40, "more than one screen"
 
 
+def test_what_a_command_takes_is_said_without_torch():
+    """Which takes seconds to load; nor do pages of tables and runs ask for it, whose pictures are drawn already."""
+    code = "import sys\nfrom ia_bench.cli import main\n"
+    code += "for name in main.COMMANDS:\n    try: main.main([name, '--help'])\n    except SystemExit: pass\n"
+    code += "    assert 'torch' not in sys.modules, name\n"
+    code += "import ia_bench.report.site.page\nassert 'torch' not in sys.modules, 'page'"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert shown.returncode == 0, shown.stderr
+
+
 def test_a_misspelt_command_is_one_sentence():
     failed = ia_bench("rapport")
     assert failed.returncode == 2

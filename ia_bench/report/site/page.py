@@ -22,6 +22,7 @@ from markupsafe import Markup
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import compact_json
 from ia_bench.report.blocks import Block, Line
 from ia_bench.report.collect import Runs, collect
 from ia_bench.report.curves import read_curve
@@ -34,7 +35,6 @@ from ia_bench.report.worth import maps
 from ia_bench.report.write import remove_all_but, write_text
 from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, Overview
 from ia_bench.runs.folder import CURVE
-from ia_bench.runs.pictures.packing import compact
 from ia_bench.runs.table import Table, crossed_name
 from ia_bench.scores.metrics import Metric
 
@@ -151,7 +151,7 @@ def draw_pictures(runs: Runs, parts: Path, note: Callable[[str], None]) -> Galle
 
 def _json(data: dict[str, Any]) -> Markup:
     """JSON that may stand in a script element: whatever texts it holds, none ends the element."""
-    return Markup(compact(data).replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
+    return Markup(compact_json(data).replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
 
 
 def _part(name: str) -> Markup:
@@ -258,4 +258,4 @@ def write_news(parts: Path, overview: Overview, every: float, *, ended: bool = F
         ],
         "curves": curves,
     }
-    write_text(parts / "live.js", f"bench.news({compact(news)});\n")
+    write_text(parts / "live.js", f"bench.news({compact_json(news)});\n")

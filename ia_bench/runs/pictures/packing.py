@@ -20,6 +20,7 @@ import torch
 from PIL import Image
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import compact_json
 from ia_bench.common.progress import Progress
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.render.asset_files import glb
@@ -123,14 +124,9 @@ def _texture(shown: np.ndarray) -> str:
     return _data_url(picture, quality=TEXTURE_QUALITY)
 
 
-def compact(content: object) -> str:
-    """JSON without a blank that nobody reads."""
-    return json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-
-
 def script(name: str, content: dict[str, Any]) -> bytes:
     """A script that hands ``content`` to the page under a name."""
-    return f"bench.receive({compact(name)},{compact(content)});\n".encode()
+    return f"bench.receive({compact_json(name)},{compact_json(content)});\n".encode()
 
 
 # ---- pictures.zip ----
@@ -160,7 +156,7 @@ class Bundle:
         """The file."""
         buffer = io.BytesIO()
         about = {"version": VERSION, **{name: part for name, part in vars(self).items() if name != "sheets"}}
-        files = {f"{name}.webp": sheet for name, sheet in self.sheets.items()} | {"about.json": compact(about).encode()}
+        files = {f"{name}.webp": sheet for name, sheet in self.sheets.items()} | {"about.json": compact_json(about).encode()}
         with zipfile.ZipFile(buffer, "w") as archive:
             for name, content in files.items():
                 archive.writestr(zipfile.ZipInfo(name, EPOCH), content)
