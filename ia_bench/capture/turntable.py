@@ -17,6 +17,7 @@ GAP = 0.03  # of the mean radius, between the heights of two circles
 LEAST = 3  # cameras on a circle
 OFF = 0.02  # of the mean radius, by which cameras may miss their circles, root mean square
 ENOUGH = 5  # cameras: a circle goes through any three
+ON_AXIS = 0.02  # sine of the angle at which a camera stands off a given axis, below which it is on it
 
 
 def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callable[[str], None]) -> TurningLight:
@@ -32,8 +33,15 @@ def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callab
         axis = np.array(settings.turntable_axis)
         if not axis.any():
             raise InputError("capture.turntable_axis: expected a direction, found [0, 0, 0]")
-        middle = where_they_meet(poses[:, :3, 3], poses[:, :3, 2])  # of cameras around an axis, their own axes meet on it
-        return TurningLight(start, _vector(axis / np.linalg.norm(axis)), _vector(middle))
+        axis, middle = axis / np.linalg.norm(axis), where_they_meet(poses[:, :3, 3], poses[:, :3, 2])  # which is on the axis
+        arms = poses[:, :3, 3] - middle
+        across = np.linalg.norm(np.cross(arms, axis), axis=1) / np.linalg.norm(arms, axis=1).clip(1e-12)
+        if across.min() < ON_AXIS:
+            raise InputError(
+                f"capture.turntable_axis: expected cameras beside the axis, found {views[int(across.argmin())].name} on it, from "
+                "which nobody sees how far the object has turned; capture.light=camera needs no axis"
+            )
+        return TurningLight(start, _vector(axis), _vector(middle))
     circles = fitted_circles(poses)
     told = f"{100 * circles.residual:.1f} % of their mean radius off (root mean square)"
     if circles.residual > OFF or len(views) < ENOUGH:

@@ -21,6 +21,8 @@ from ia_bench.runs.table import Row, Table
 
 PACKS = "packs"
 """The folder below a board's that holds its packs, unpacked."""
+NAMED = 12
+"""So many characters of a pack's SHA-256 name its folder there."""
 
 
 @exits
@@ -37,12 +39,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if wanted.verified is not None and not (isinstance(verified, dict) and all(isinstance(one, dict) for one in verified.values())):
         raise InputError(f"{wanted.verified}: expected what ia-bench verify --out writes, found something else")
     make_writable(wanted.out, "--out")
-    shutil.rmtree(wanted.out / PACKS, ignore_errors=True)
+    for former in (wanted.out / PACKS).glob("[0-9a-f]" * NAMED):  # what a board left there; other things may lie beside it
+        shutil.rmtree(former, ignore_errors=True)
     cells: dict[Path, CellKey | None] = {}
     notes: dict[str, str] = {}
     for path in packs:
         digest = digest_of(path) or ""
-        place = wanted.out / PACKS / digest[:12]
+        place = wanted.out / PACKS / digest[:NAMED]
         try:
             manifest = unpack(path, place)
             for run in manifest.runs:

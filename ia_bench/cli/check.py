@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from ia_bench.common import registry
+from ia_bench.common.arguments import value_of
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import FAULT, OK, command, say
 from ia_bench.common.machine import limit_threads
@@ -135,8 +134,10 @@ def _check_regulariser(arguments: Sequence[str]) -> Checked:
     _, scene, make_problem = _on_tiny([text for text in arguments if not text.startswith("regulariser")])
     from ia_bench.checks.fit_parts import check_regulariser
 
+    if "regulariser" not in own:
+        raise InputError("expected regulariser=NAME, found none")
     name = own.pop("regulariser")
-    options = {key.removeprefix("regulariser.options."): yaml.safe_load(value) for key, value in own.items()}
+    options = {key.removeprefix("regulariser.options."): value_of(value) for key, value in own.items()}
     what, make = _maker("regulariser", name, options)
     return f"{what} on scene {scene.name}", check_regulariser(make, make_problem(scene))
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.common.arguments import at_least
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, expect_distinct
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
@@ -31,10 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wanted = parser.parse_args(arguments)
     if wanted.mask is not None and len(wanted.images) > 1:
         raise InputError(f"--mask: expected one image with it, found {len(wanted.images)}")
-    stems = [path.stem for path in wanted.images]
-    twice = next((stem for stem in stems if stems.count(stem) > 1), None)
-    if twice is not None:
-        raise InputError(f"expected images of different names, found {stems.count(twice)} called {twice}: give them one by one")
+    expect_distinct("expected images of different names, or one by one", [path.stem for path in wanted.images])
     from ia_bench.runs.decomposition import decompose_with, make_prior, reduced, write_decomposition  # brings in torch
 
     # all mistakes come before any work

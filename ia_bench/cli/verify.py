@@ -7,6 +7,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 from ia_bench.common.arguments import at_least
@@ -45,7 +46,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     cells.add_argument("--tolerance", type=float, default=1e-3, help="in dB; a tenth of it in other scores (default: 0.001)")
     wanted = parser.parse_args(arguments)
     tables = [table for path in wanted.published for table in ([path] if path.suffix == ".csv" else sorted(path.rglob(TABLE)))]
-    packs = [path for path in wanted.published if path.suffix != ".csv" and not (path.is_dir() and any(path.rglob(TABLE)))]
+    packs = list[Path]()
+    for path in wanted.published:
+        if path.suffix != ".csv":
+            with suppress(InputError) if path.is_dir() and any(path.rglob(TABLE)) else nullcontext():  # that may be all there is
+                packs += packs_among([path])
     if tables and (wanted.out is not None or wanted.scene):
         raise InputError("--out and --scene: expected packs, found tables: their cells are run as their runs.csv says")
     states = [_repeat(wanted, tables)] if tables else []

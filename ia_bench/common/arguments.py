@@ -41,9 +41,9 @@ def read_arguments(kind: type[T], arguments: Sequence[str]) -> T:
         literal = (Path in kinds or str in kinds) and text not in ("null", "~")
         several = next((get_args(one) for one in kinds if get_origin(one) is tuple), None)
         if several and not text.startswith("["):
-            table[last] = [part if str in several else _value(part) for part in text.split(",")]
+            table[last] = [part if str in several else value_of(part) for part in text.split(",")]
             continue
-        table[last] = str(Path(text).expanduser()) if literal and Path in kinds else text if literal else _value(text)
+        table[last] = str(Path(text).expanduser()) if literal and Path in kinds else text if literal else value_of(text)
     return parsed(kind, content)
 
 
@@ -71,7 +71,7 @@ def at_least(least: int) -> Callable[[str], int]:
     return number
 
 
-def _value(text: str) -> object:
+def value_of(text: str) -> object:
     """``text`` as YAML reads it, and 5e-4 as a number."""
     try:
         value = yaml.safe_load(text)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 
@@ -68,3 +68,10 @@ def listed(names: Iterable[str]) -> str:
     "none, 'refiner, hull'"
     """
     return ", ".join(f"'{name}'" if "," in name else name for name in names) or "none of them"
+
+
+def expect_distinct(what: str, names: Sequence[str]) -> None:
+    """Raise InputError, saying ``what`` was expected, where two of the ``names`` are the same."""
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"{what}, found {names.count(twice)} called {twice}")

@@ -41,6 +41,7 @@ def texel_centres(height: int, width: int) -> Tensor:
 
 BIN_SIDE = 8  # surface normals fall into an octahedral grid of 8 x 8 cells, each with its own sampling table
 BIN_RADIUS = math.radians(29.4)  # the farthest normal of a cell is this far from its centre
+AT_ONCE = 2**24  # pairs of a cell and a texel: a table of them is 128 MB
 BLOCK_ROWS = 16  # the cosine is bounded on at most this many rows of blocks of texels, and twice as many columns
 
 
@@ -60,7 +61,8 @@ class SamplingGrid(NamedTuple):
     """What sampling needs to know of a map's size alone: B cells of normals, K blocks of neighbouring texels, T = H W texels.
 
     Attributes:
-        bound: (B, K) float32, no smaller than the cosine between any normal of the cell and any direction of the block.
+        bound: (B, K) float32, positive wherever the cosine between a normal of the cell and a direction of the block can be,
+            and no more than .03 below the largest.
         total: (B, 1), the integral of ``bound`` over the sphere.
         solid_angle: (T,) float64 steradians.
         order: (T,) int32, the texels sorted by their block.
@@ -89,13 +91,17 @@ def sampling_grid(height: int, width: int, device: torch.device) -> SamplingGrid
     rows, columns = min(height, BLOCK_ROWS), min(width, 2 * BLOCK_ROWS)
     row, column = torch.arange(height) * rows // height, torch.arange(width) * columns // width
     block = (row[:, None] * columns + column).reshape(-1)
-    cosine = bin_centres() @ texel_centres(height, width).double().reshape(-1, 3).T
+    centres, directions = bin_centres(), texel_centres(height, width).double().reshape(-1, 3)
     reach = BIN_RADIUS + 0.5 * math.hypot(math.pi / height, 2 * math.pi / width)
-    texel_bound = (cosine + math.sin(reach)).clamp_min(0) if reach < math.pi / 2 else torch.ones_like(cosine)
-    bound = torch.zeros(len(cosine), rows * columns, dtype=torch.float64)
-    bound = bound.scatter_reduce(1, block.expand_as(texel_bound), texel_bound, "amax").float()
     solid_angle = row_solid_angles(height, width).repeat_interleave(width)
-    total = (bound[:, block] * solid_angle).sum(1, keepdim=True).float()
+    bounds, totals = list[Tensor](), list[Tensor]()
+    for some in centres.split(max(1, AT_ONCE // len(block))):  # all of them, but of large maps, which would take 2 kB a texel
+        cosine = some @ directions.T
+        texel_bound = (cosine + math.sin(reach)).clamp_min(0) if reach < math.pi / 2 else torch.ones_like(cosine)
+        largest = torch.zeros(len(some), rows * columns, dtype=torch.float64)
+        bounds.append(largest.scatter_reduce(1, block.expand_as(texel_bound), texel_bound, "amax").float())
+        totals.append((bounds[-1][:, block] * solid_angle).sum(1, keepdim=True).float())
+    bound, total = torch.cat(bounds), torch.cat(totals)
     end = torch.bincount(block).cumsum(0)
     order = torch.argsort(block, stable=True)
     heights = torch.cos(torch.arange(height + 1, dtype=torch.float64) * (math.pi / height)).float()

@@ -106,7 +106,8 @@ class BroughtAsset:
         scene = replace(problem.scene, mesh=asset.mesh, source=str(path))
         usual = f"it has to lie where the cameras of the scene see it: {OPTION}up, matrix or align=icp"
         check_agreement(scene, monitor.note, mistakes=_turns(options), usual=usual)
-        return Result(TexturedReconstruction.of(asset, Stage(asset.mesh, problem.device)), declared=options.declared)
+        stage = Stage(asset.mesh, problem.device)
+        return Result(TexturedReconstruction.of(asset, stage, problem.scene.turning), declared=options.declared)
 
 
 def aligned(mesh: Mesh, target: Mesh) -> tuple[np.ndarray, float]:

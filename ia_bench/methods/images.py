@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from ia_bench.common.declared import Declared
-from ia_bench.common.errors import InputError, unknown
+from ia_bench.common.errors import InputError, expect_distinct, unknown
 from ia_bench.common.files import read_json, user_path
 from ia_bench.methods.info import HeldOut, MethodInfo
 from ia_bench.scenes.color import srgb_to_linear
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 Encoding = Literal["srgb", "linear"]
 OPTION = "method.options."
 SUFFIXES = (".exr", ".png")
+ORDERS = ("names", "sorted")
+"""How pictures may be called; any other order is a file that says it."""
 GREY = 1.5 / 255  # by which the channels of a picture of one value may differ
 
 
@@ -75,7 +77,7 @@ class BroughtImages:
         """The folder, and the file that says the order. Raises InputError where one is not there."""
         found = [user_path(f"{OPTION}path", options["path"], folder=True)]
         order = options.get("order", "names")
-        return found if order in ("names", "sorted") else [*found, user_path(f"{OPTION}order", order)]
+        return found if order in ORDERS else [*found, user_path(f"{OPTION}order", order)]
 
     def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
         """Raises InputError for pictures that are missing, of another size, or not what they should be; each is looked at."""
@@ -129,6 +131,7 @@ class Pictures:
         folder, order = self._folder / name, self._options.order
         files = {path.stem: path for suffix in reversed(SUFFIXES) for path in sorted(folder.glob(f"*{suffix}"))}
         wanted = [view for view, _ in views[name]]
+        expect_distinct(f"{folder}: expected views of different names", wanted)
         if order == "sorted":
             wanted = sorted(files) + wanted[len(files) :]
         elif order != "names":

@@ -27,7 +27,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from ia_bench.common.declared import Declared
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, expect_distinct
 from ia_bench.common.files import read_json, shown, user_path
 from ia_bench.common.ranges import Positive
 from ia_bench.common.seeds import derive_seed
@@ -156,9 +156,7 @@ class FilesPrior:
             raise InputError(
                 "prior=files: expected training views of a scene, by whose names it finds files, found pictures without"
             )
-        if len(set(names)) < len(names):
-            twice = next(name for name in names if names.count(name) > 1)
-            raise InputError(f"prior=files: expected training views of different names, found {names.count(twice)} called {twice}")
+        expect_distinct("prior=files: expected training views of different names", names)
         values = {}
         for component, stored in sorted(self._stored.items()):
             found = {name: self._of_view(stored, name) for name in names}
@@ -302,7 +300,9 @@ def write_photographs(folder: Path, views: Sequence[View], *, size: int | None, 
 
     Photographs are exposed one by one as the project's own priors see them. ``size``: side in pixels of the square that each is
     resized into; None keeps its own pixels. ``crop``: the square is that around the object and not that around the photograph.
+    Raises InputError for two views of one name.
     """
+    expect_distinct("ia-bench export: expected training views of different names", [view.name for view in views])
     shown = {}
     for view in views:
         image, mask = torch.from_numpy(view.image), torch.from_numpy(view.mask)

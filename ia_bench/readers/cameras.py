@@ -253,7 +253,8 @@ def lens(where: str, frame: Mapping[str, Any]) -> Lens:
 
     Raises InputError, with its name, for a model that is none of these.
     """
-    model = frame.get("camera_model", "OPENCV")
+    usual = "OPENCV_FISHEYE" if frame.get("is_fisheye") else "OPENCV"  # as Instant-NGP says it
+    model = frame.get("camera_model", usual)
     if model not in MODELS:
         raise InputError(
             f"{where}: camera_model: expected one of {', '.join(MODELS)}, found {shown(repr(model))}; "

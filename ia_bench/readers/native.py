@@ -15,7 +15,7 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json, shown
 from ia_bench.geometry.mesh import load_mesh
-from ia_bench.readers.cameras import camera, expect_size_of, frames_of, text
+from ia_bench.readers.cameras import Lens, camera, expect_size_of, frames_if_there, frames_of, lens, text
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS
 from ia_bench.readers.pictures import expect_size
 from ia_bench.scenes.color import srgb_to_linear
@@ -86,12 +86,13 @@ class NativeReader:
 
     def _views(self, split: str, truth: bool) -> tuple[View, ...]:
         path = self._folder / f"transforms_{split}.json"
-        if split != "train" and not path.exists():
-            return ()
-        return tuple(self._view(where, frame, truth) for where, frame in frames_of(path))
+        frames = frames_of(path) if split == "train" else frames_if_there(path)
+        return tuple(self._view(where, frame, truth) for where, frame in frames)
 
     def _view(self, where: str, frame: Mapping[str, Any], truth: bool) -> View:
         path = file_below(self._folder, frame.get("file_path"), f"{where}: file_path")
+        if lens(where, frame) != Lens():
+            raise InputError(f"{where}: expected a pinhole camera without distortion, found a lens; reader=nerfstudio undoes one")
         image = read_exr(path, 4)
         height, width = image.shape[:2]
         expect_size_of(where, frame, path, width, height)

@@ -70,6 +70,6 @@ def _agreement(rays: RayCaster, views: Sequence[View]) -> float:
     both = either = 0.0
     for view in views:
         coverage = trace_gbuffer([view.camera], rays, 2, torch.device("cpu")).coverage()[0].numpy()
-        both += float(np.minimum(view.mask, coverage).sum())
-        either += float(np.maximum(view.mask, coverage).sum())
-    return both / either
+        both += float(np.minimum(view.mask, coverage)[view.known].sum())
+        either += float(np.maximum(view.mask, coverage)[view.known].sum())
+    return both / either if either else 0.0

@@ -99,6 +99,10 @@ class Reconstruction(Protocol):
         ...
 
 
+ADDED = "coat added"
+"""How the name of a renderer says that it adds both lobes."""
+
+
 class TexturedReconstruction:
     """Textures over a mesh and a lat-long light, drawn by the reference renderer whatever renderer they were fitted with.
 
@@ -127,7 +131,7 @@ class TexturedReconstruction:
         """
         self.material = material
         self.environment = None if light is None else LatLongEnvironment(light, turning=turning)
-        unlike = {f"coat {coat}": coat != "layered", f"{bounces} bounces": bounces != REFERENCE_BOUNCES}
+        unlike = {ADDED: coat == "added", f"{bounces} bounces": bounces != REFERENCE_BOUNCES}
         self.renderer = ", ".join([REFERENCE, *(name for name, it_is in unlike.items() if it_is)])
         self._stage, self._coat, self._bounces, self._assumed = stage.apart, coat, bounces, assumed
         self._last: tuple[object, BrdfRayCache] | None = None
@@ -143,8 +147,8 @@ class TexturedReconstruction:
         return self._stage.mesh
 
     @classmethod
-    def of(cls, assets: Assets, stage: Stage) -> TexturedReconstruction:
-        """What assets hold, on a stage of their mesh."""
+    def of(cls, assets: Assets, stage: Stage, turning: TurningLight | None = None) -> TexturedReconstruction:
+        """What assets hold, on a stage of their mesh; ``turning``: how their light does."""
 
         def texture(image: np.ndarray) -> Tensor:
             return torch.from_numpy(np.atleast_3d(image)).float().to(stage.device)
@@ -152,7 +156,7 @@ class TexturedReconstruction:
         metallic = None if assets.metallic is None else texture(assets.metallic)
         light = None if assets.light is None else texture(assets.light)
         material = Material(texture(assets.albedo), texture(assets.roughness), metallic)
-        return cls(stage, material, light, assumed=assets.assumed)
+        return cls(stage, material, light, assumed=assets.assumed, turning=turning)
 
     def maps(self, cameras: Sequence[Camera], names: Collection[str], *, points: int) -> dict[str, Images]:
         """See :meth:`Reconstruction.maps`."""

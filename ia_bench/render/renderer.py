@@ -248,7 +248,7 @@ class Renderer:
         parts = ["diffuse", "specular", "albedo"] + ["mirrored"] * (self.interreflection is not None)
         values = {name: torch.zeros(len(gbuffer.pixel), 3, device=gbuffer.face.device) for name in parts}
         every = torch.arange(len(gbuffer.pixel), device=gbuffer.face.device)
-        passes = -(-samples // PASS_SAMPLES)
+        passes = max(1, min(-(-samples // PASS_SAMPLES), samples // (2 * gbuffer.subsamples)))  # a pass takes two a point or more
         indirect = self._bounce(gbuffer, material, light)
         for chunk in every.split(CHUNK) if len(every) else ():
             padded = torch.cat([chunk, chunk.new_full((CHUNK - len(chunk),), -1)])

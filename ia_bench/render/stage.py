@@ -9,13 +9,13 @@ import torch
 
 from ia_bench.common.cache import cache_folder
 from ia_bench.common.machine import expect_memory
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.gbuffer import RAYS_AT_ONCE, GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.indirect import ATLAS_SIZE, bake_interreflection
 from ia_bench.render.rays import RayCaster, make_rays
 from ia_bench.render.renderer import NoShadows, Renderer, TracedShadows
 from ia_bench.scenes.scene import Camera, Mesh
 
-POINT_BYTES, RAY_BYTES = 12, 200  # of a point in a G-buffer, of a primary ray while a row of a view is traced
+POINT_BYTES, RAY_BYTES = 12, 200  # of a point in a G-buffer, of a primary ray while it is traced
 KEPT_BYTES = 512 * 2**20  # of G-buffers; what is more is traced again whenever it is asked for
 BATCH_POINTS = 8 * 2**20  # G-buffer points that are looked at together where memory must stay bounded: 128 MB of them
 
@@ -60,8 +60,8 @@ class Stage:
         key = b"".join([side.to_bytes(4, "little"), *map(camera_key, cameras)])
         if key in self._gbuffers:
             return self._gbuffers[key]
-        rows, pixels = (sum(part) for part in zip(*((c.width, c.width * c.height) for c in cameras), strict=True))
-        expect_memory(f"{side} x {side} points a pixel", side**2 * (pixels * POINT_BYTES + rows / len(cameras) * RAY_BYTES))
+        points = side**2 * sum(camera.width * camera.height for camera in cameras)
+        expect_memory(f"{side} x {side} points a pixel", points * POINT_BYTES + RAYS_AT_ONCE * RAY_BYTES)
         gbuffer = trace_gbuffer(list(cameras), self.rays, side, self.device)
         if sum(kept.size_bytes for kept in self._gbuffers.values()) + gbuffer.size_bytes <= KEPT_BYTES:
             self._gbuffers[key] = gbuffer

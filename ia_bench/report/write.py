@@ -93,6 +93,9 @@ def write_report(
     findings = analyse(collection, table)
     if findings.table.compared is not None and findings.reference is None:
         raise InputError(f"reference: expected one of the rows {listed(findings.rows)}, found {findings.table.compared}")
+    known = {*findings.rows, *(row.name for row in findings.table.rows)}  # of a table's own rows some may not have been run
+    if unknown := [row for row in findings.table.curve if row not in known]:
+        raise InputError(f"curve: expected some of the rows {listed(findings.rows)}, found {unknown[0]}")
     ours = begins_with(out / "report.md", TITLE)
     pictures = _draw(findings, out / "curves")
     if ours:

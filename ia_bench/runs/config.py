@@ -144,10 +144,12 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
         if scene.path.startswith(REAL_DATA) and not Path(scene.path).exists():
             raise InputError(f"scene.path={scene.path}: expected real data, found none; make real-data puts it there")
         scene = replace(scene, path=str(user_path("scene.path", scene.path, folder=True)))
-    elif reader.target != NATIVE_READER:  # which reads something else than the shipped scene of that name
+    elif reader.target != NATIVE_READER and not scene.name:
         scene = replace(scene, name=reader.name)
-    if config.capture.geometry == "sdf" and config.capture.sdf.normals != SdfSettings.normals:
-        user_path("capture.sdf.normals", config.capture.sdf.normals, folder=True)
+    capture = config.capture
+    if capture.geometry == "sdf" and capture.sdf.normals != SdfSettings.normals:
+        normals = str(user_path("capture.sdf.normals", capture.sdf.normals, folder=True))
+        capture = replace(capture, sdf=replace(capture.sdf, normals=normals))
     kind = registry.load(registry.named("reader", reader.name, reader.target))
     check_arguments(kind, reader.options, "reader.options", 1)
     options = {key: list(value) if isinstance(value, tuple) else value for key, value in defaults_of(kind, 1).items()}
@@ -160,6 +162,7 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     return replace(
         config,
         scene=scene,
+        capture=capture,
         reader=reader,
         prior=_prior(config.prior, device),
         coupling=_coupling(config.coupling),

@@ -47,7 +47,9 @@ def execute(config: RunConfig, progress: Progress | None = None) -> tuple[RunRec
                     folder.drop_checkpoint()
                     record = run(config, folder, progress, known)
         except KeyboardInterrupt as stop:
-            if not (folder.path / CHECKPOINT).is_file():  # while a mesh was made of photographs, for instance
+            if record is not None:
+                stop.args = (" when the run had just finished; the same command shows its scores",)
+            elif not (folder.path / CHECKPOINT).is_file():  # while a mesh was made of photographs, for instance
                 stop.args = (" before the run had saved anything; the same command starts over",)
             raise
         except Exception as error:

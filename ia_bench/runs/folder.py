@@ -189,7 +189,7 @@ class RunFolder:
             self.drop_checkpoint()
             (self.path / METRICS_FILE).unlink()
             held = None
-        if held is None:
+        if held is None or not (self.path / METRICS_FILE).exists():  # a run that goes on may have its files elsewhere by now
             content = {"config_hash": self.config_hash, **setup, "identity": dict(identity)}
             self.write_bytes(CONFIG, json_bytes(CONFIG, content))
         for leftover in self.path.glob(LEFTOVERS):  # of a process that was killed while writing

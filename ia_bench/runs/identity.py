@@ -86,7 +86,7 @@ def labels(config: RunConfig, content: Mapping[str, Any]) -> dict[str, Any]:
         "seed": config.seed,
         "protocol": config.protocol.label,
         "preset": config.preset,
-        "protocol_hash": hash_of({"protocol": content["protocol"], "scene": content["scene"]["content"]}),
+        "protocol_hash": protocol_hash(content),
         "environment": environment(config.device, config.threads or 1),
     }
 
@@ -96,6 +96,11 @@ def setup(config: RunConfig) -> dict[str, Any]:
     paths = [path for plugin, options in _plugins(config) for path in _files_of(plugin, options)]
     settings = _mapped(asdict(config), lambda text: str(_path_in(text, paths) or text))
     return {"command": shlex.join(("ia-bench", "run", *settings.pop("command"))), "config": settings}
+
+
+def protocol_hash(content: Mapping[str, Any]) -> str:
+    """Of what decides how a run is scored: the protocol and the scene's files. Raises KeyError for what is no identity."""
+    return hash_of({"protocol": content["protocol"], "scene": content["scene"]["content"]})
 
 
 def hash_of(content: Mapping[str, Any]) -> str:

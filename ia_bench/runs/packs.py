@@ -22,12 +22,12 @@ from ia_bench.common.files import read_json, shown, user_path
 from ia_bench.common.ranges import Name
 from ia_bench.common.registry import THE_COMMAND_LINE, named
 from ia_bench.common.settings import parsed, parsed_file
+from ia_bench.methods.images import ORDERS, SUFFIXES
 from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup, damaged_file, digest_of, json_bytes
 
 MANIFEST = "manifest.json"
 FORMAT: Literal[1] = 1
-ORDERS, PICTURES = ("names", "sorted"), (".exr", ".png")  # as method=images has them
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file within: the same runs give the same bytes
 BROUGHT_PICTURES, ORDER = "brought", "order.json"
 """The folder below a run's with the pictures that method=images scored, and the file in it that says their order."""
@@ -193,7 +193,7 @@ def _brought(folder: Path) -> dict[str, Path]:
         return {}
     options = method.options
     root, order = user_path("method.options.path", str(options.get("path")), folder=True), options.get("order")
-    pictures = [path for path in sorted(root.rglob("*")) if path.suffix in PICTURES and path.is_file()]
+    pictures = [path for path in sorted(root.rglob("*")) if path.suffix in SUFFIXES and path.is_file()]
     found = {path.relative_to(root).as_posix(): path for path in pictures}
     found |= {} if order in ORDERS else {ORDER: user_path("method.options.order", str(order))}
     return {f"{BROUGHT_PICTURES}/{name}": path for name, path in found.items()}

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import torch
 
 from ia_bench.capture.capture import captured
+from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import commit
 from ia_bench.common.progress import Begin, Progress, unseen
 from ia_bench.common.settings import parsed, parsed_file
 from ia_bench.material.textures import Material
-from ia_bench.methods.images import ImagesOptions, Pictures
+from ia_bench.methods.images import ORDERS, ImagesOptions, Pictures
 from ia_bench.methods.info import held_out
 from ia_bench.render.asset_files import read_asset
-from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
+from ia_bench.render.reconstruction import ADDED, Reconstruction, TexturedReconstruction
 from ia_bench.render.settings import BROUGHT
 from ia_bench.render.stage import Stage
-from ia_bench.runs.config import RunConfig, method_class, slug
+from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.identity import hash_of, labels, scene_content, setup
-from ia_bench.runs.packs import BROUGHT_PICTURES, ORDER, ORDERS, read_record
+from ia_bench.runs.identity import hash_of, protocol_hash, scene_content
+from ia_bench.runs.packs import BROUGHT_PICTURES, ORDER, read_record
 from ia_bench.runs.pictures.packing import write_pictures
 from ia_bench.runs.record import CONFIG, METRICS_FILE, RunSetup
 from ia_bench.runs.scene import read_scene
@@ -96,16 +97,16 @@ class Recovered:
             return texture(name, channels) if (self.folder / f"{name}.exr").is_file() else None
 
         assumed = frozenset[str]()
-        if method_class(self.config.method).info.brought:  # an asset: its mesh may be another one, its roughness unknown
+        if self.config.method.target == registry.built_in("method")["asset"].target:  # whose mesh may be another one
             stage = Stage(read_asset(self.folder / "asset.glb", note=lambda line: None).mesh, stage.device)
             unknown = self.record.reasons.get("roughness.mse", "").startswith("the method does not predict")
             assumed = frozenset({"roughness"} if unknown else ())
         material = Material(texture("albedo", 3), texture("roughness", 1), optional("metallic", 1))
         turning = self.record.capture.get("turning")
+        coat = "added" if ADDED in self.record.renderer else "layered"  # of a brought asset, whatever its run was given
         return TexturedReconstruction(
-            stage, material, optional("light", 3), coat=self.config.render.coat, assumed=assumed,
-            turning=turning and TurningLight.of_record(turning),
-        )  # fmt: skip
+            stage, material, optional("light", 3), coat=coat, assumed=assumed, turning=turning and TurningLight.of_record(turning)
+        )
 
     def pictures(self, scene: Scene) -> Pictures | None:
         """The pictures that method=images scored, where a pack has put them into the run's folder; None otherwise."""
@@ -141,11 +142,12 @@ class Rescorer:
             InputError: As :meth:`score`, and for a run that has not finished.
         """
         run = Recovered(folder)
-        record, config = run.record, replace(run.config, protocol=self.protocol)
+        record = run.record
         content = {**run.setup.identity, "protocol": self.protocol.describe(), "rescored_from": record.config_hash}
         key = hash_of(content)
         place = self.out / slug(record.scene) / f"{slug(record.row)}-seed{record.seed}-{key[:8]}"
-        with RunFolder(place, content, key, setup={**setup(config), "command": run.setup.command}) as kept:
+        given = {"command": run.setup.command, "config": {**run.setup.config, "protocol": asdict(self.protocol)}}
+        with RunFolder(place, content, key, setup=given) as kept:
             if kept.finished() is not None:
                 return place
             progress = progress or Progress(quiet=True)
@@ -159,8 +161,7 @@ class Rescorer:
                         shutil.copyfile(folder / name, path)
             origin: dict[str, str | None] = {"config_hash": record.config_hash, "protocol": record.protocol}
             origin |= {"commit": record.environment.get("commit"), "scored_by_commit": commit()}
-            protocol = {"protocol_hash": labels(config, content)["protocol_hash"]}
-            kept.write_record(replace(record, **scores, **protocol, rescored_from=origin))
+            kept.write_record(replace(record, **scores, protocol_hash=protocol_hash(content), rescored_from=origin))
         return place
 
     def score(self, run: Recovered, begin: Begin = unseen) -> Scores:

@@ -227,13 +227,11 @@ def some_rows(table: Table, text: str) -> Table:
         rest = rest[end:]
     if len(set(chosen)) != len(chosen):
         raise InputError(f"rows: expected every row once, found {', '.join(chosen)}")
-    return replace(
-        table,
-        rows=[row for row in table.rows if row.name in chosen],
-        reference=table.reference if table.reference in chosen else None,
-        claims=[claim for claim in table.claims if claim.better in chosen and claim.worse in chosen],
-        curve=[name for name in table.curve if name in chosen],
-    )
+    reference = table.reference if table.reference in chosen else None
+    curve = [name for name in table.curve if name in chosen]
+    some = replace(table, rows=[row for row in table.rows if row.name in chosen], reference=reference, claims=[], curve=curve)
+    crossed = {row.name for row in some.crossed_rows}  # as claims call them
+    return replace(some, claims=[claim for claim in table.claims if {claim.better, claim.worse} <= crossed])
 
 
 def _whole(name: str, within: tuple[str, ...]) -> Table:

@@ -16,7 +16,7 @@ from typing import Any, Literal
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.settings import flat
-from ia_bench.runs.identity import hash_of
+from ia_bench.runs.identity import hash_of, protocol_hash
 from ia_bench.runs.packs import PackedRun, check_reader, problems, read_record, unpack
 from ia_bench.runs.record import METRICS_FILE
 from ia_bench.runs.recovered import Recovered, Rescorer
@@ -117,14 +117,21 @@ def _numbers(values: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
                 yield name if place is None else f"{name}[{place}]", one
 
 
+def _without_weights(protocol: Mapping[str, Any]) -> dict[str, Any]:
+    """A protocol's description without the place of the file that LPIPS was read from: its content is in the identity."""
+    lpips = protocol.get("lpips")
+    return {**protocol, "lpips": {**lpips, "weights": None}} if isinstance(lpips, Mapping) else dict(protocol)
+
+
 def _inconsistent(run: Recovered) -> list[str]:
     """What of a record and its configuration contradict each other."""
     identity, record = run.setup.identity, run.record
     hashes = {"config_hash": hash_of(identity)}
     with suppress(KeyError, TypeError):  # of a configuration without: its hash is none of these
-        hashes["protocol_hash"] = hash_of({"protocol": identity["protocol"], "scene": identity["scene"]["content"]})
+        hashes["protocol_hash"] = protocol_hash(identity)
     wrong = [name for name, hash_ in hashes.items() if getattr(record, name) != hash_]
     said = [f"{METRICS_FILE}: {name} is not that of the configuration" for name in wrong]
-    if record.protocol_description != run.config.protocol.describe():
+    told, found = (_without_weights(one) for one in (record.protocol_description, run.config.protocol.describe()))
+    if told != found:
         said.append(f"{METRICS_FILE}: protocol_description is not what this version computes for {record.protocol}")
     return said

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack, redirect_stdout
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -219,6 +220,8 @@ def layer_distances(predicted: np.ndarray, true: np.ndarray, settings: LpipsSett
 
 def check_weights(settings: LpipsSettings) -> None:
     """Raise InputError where ``settings`` names a file that cannot be used: before a run, which would find out at its end."""
+    if settings.weights is not None and not Path(settings.weights).is_file():
+        raise InputError(f"protocol.lpips.weights: expected an existing safetensors file, found {settings.weights!r}")
     if settings.weights is not None and isinstance(network := load(settings), str):
         raise InputError(f"protocol.lpips.weights: {network}")
 

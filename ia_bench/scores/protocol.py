@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
@@ -72,11 +71,6 @@ class LpipsSettings:
 
     net: LpipsNet = "squeeze"
     weights: str | None = None
-
-    def __post_init__(self) -> None:
-        """Raise InputError for a weights file that is not there."""
-        if self.weights is not None and not Path(self.weights).is_file():
-            raise InputError(f"protocol.lpips.weights: expected an existing safetensors file, found {self.weights!r}")
 
 
 @dataclass(frozen=True)

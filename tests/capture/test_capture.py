@@ -223,6 +223,8 @@ def test_a_turning_light_is_captured_and_recorded(tiny: Scene) -> None:
     places = np.stack([view.camera.position for view in after.train])
     around = np.degrees(np.arctan2(places[:, 1], places[:, 0]))
     assert np.abs((told["degrees"] - (around - around[0]) + 180) % 360 - 180).max() < 1e-2
+    with pytest.raises(InputError, match="expected cameras beside the axis, found .* on it"):
+        take(tiny, light="turntable", turntable_axis=tuple(map(float, tiny.train[2].camera.to_world[:3, 2])))
     assert TurningLight.of_record(told) == after.turning
     assert settings.label == "4 views, light turntable, axis 0 0 1"
     assert take(tiny).turning is None

@@ -124,6 +124,8 @@ def test_command_line(capsys: pytest.CaptureFixture[str]) -> None:
         (["prior=oracle", "scene=hat"], "unknown setting of ia-bench check 'scene'"),
         (["prior=oracle", "prior.options.noise=-1"], "prior.options.noise: expected 0 or more, found -1"),
         (["prior=[", "prior.x"], "cannot read"),
+        (["regulariser"], "expected regulariser=NAME, found none"),
+        (["regulariser=parsimony", "regulariser.options.amount=["], "amount: expected"),
     ],
 )
 def test_mistakes(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -38,6 +38,9 @@ def test_a_capture_is_written_and_read_back_by_the_printed_command(
     config = compose(command[2:])
     scene = read_scene(config.scene, config.reader, truth=True)
     assert len(scene.train) == 8
+    out = [f"{name}-clipped", "--format", name, "capture.views=8", "capture.radiometry=ldr", "capture.percentile=80"]
+    assert main(["export", "tiny", *out]) == 0
+    assert " pixels that are clipped, or not known, are written as they stand" in capsys.readouterr().out
     assert check_agreement(scene, lambda line: None) >= GOOD
     lacking = unscored(scene)
     relit = name in ("native", "tensoir", "nerfactor", "synthetic4relight", "stanford_orb")

@@ -189,12 +189,17 @@ def test_a_board_has_rows_by_who_brought_them_and_marks_what_is_verified(
     assert main(["verify", str(pack), "--out", str(tmp_path / "result.json")]) == 0
     damaged = spoiled(pack, tmp_path / "damaged.zip", changed("metrics.json", better))
     given = [str(pack), str(other), damaged, "--out", str(tmp_path / "board"), "--verified", str(tmp_path / "result.json")]
+    kept = [tmp_path / "board" / "packs" / name for name in ("mine.zip", "mine/notes.txt")]  # the folder may be somebody's
+    for path in kept:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("of mine")
     assert main(["board", *given]) == 1  # one pack was left out
     told = capsys.readouterr()
     assert "damaged.zip: runs/tiny/none" in told.err
     assert "| none (A. Author, verified) |" in told.out
     assert "brought by A. Author https://example.org/paper; 1 of 1 runs scored again with the same result" in told.out
     assert "| oracle (B. Other \\| " in told.out
+    assert [path.read_text() for path in kept] == ["of mine", "of mine"]
     page = (tmp_path / "board" / "page" / "index.html").read_text()
     assert "A. Author, verified" in page
     assert "<C>" not in page
@@ -219,11 +224,16 @@ def test_what_other_software_made_is_scored_again_from_its_pictures_or_its_asset
 ) -> None:
     assert main(["score", str(runs / "none"), "--pictures", str(tmp_path / "pictures")]) == 0
     for name, what in (("pictures", tmp_path / "pictures"), ("asset", runs / "none" / "asset.glb")):
-        given = ["--scene", "tiny", "--row", name, "--seconds", "77", "--out", str(tmp_path / "runs" / name), *SMALL[1:]]
+        given = f"--scene tiny --row {name} --seconds 77 render.coat=added".split()
+        given += ["--out", str(tmp_path / "runs" / name), *SMALL[1:]]
         assert main(["score", str(what), *given]) == 0
         packed(tmp_path / "runs" / name, tmp_path / "packs" / f"{name}.zip", "C. Third")
     shutil.rmtree(tmp_path / "pictures")  # on another machine it is not there
     assert main(["verify", str(tmp_path / "packs")]) == 0
+    assert "2 verified" in capsys.readouterr().out
+    header = "protocol,row,scene,seed,status,reason,albedo_psnr"  # of a table that lies beside them, whose one cell failed
+    (tmp_path / "packs" / "runs.csv").write_text(f"{header}\npaper-v3,none,tiny,0,failed,gone,\n")
+    assert main(["verify", str(tmp_path / "packs")]) == 1
     assert "2 verified" in capsys.readouterr().out
     assert main(["board", str(tmp_path / "packs"), "--out", str(tmp_path / "board")]) == 0
     told = capsys.readouterr().out

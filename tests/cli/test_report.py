@@ -87,6 +87,7 @@ def test_a_file_beside_the_runs_that_a_shell_has_named_is_passed_over(tmp_path: 
         (["nowhere", "--out", "out"], "nowhere: expected a folder with runs, found none"),
         ([".", "--out", "out"], "expected at least one run's metrics.json, found none"),
         ([".", "--out", "out", "--table", "papper"], "unknown table 'papper'; did you mean 'paper'?"),
+        (["runs", "--out", "out", "--reference", "none", "--curve", "nine"], "curve: expected some of the rows none, found nine"),
         (["runs", "--out", "out", "--reference", "nobody"], "reference: expected one of the rows none, found nobody"),
     ],
 )

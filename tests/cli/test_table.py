@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from command_line import started
 
+from ia_bench.cli import table as table_module
 from ia_bench.cli.table import main, parse
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.paths import conf_folder
@@ -102,6 +103,22 @@ def test_mistake_is_one_message_before_anything_runs(argument: str, message: str
     assert started() == []
 
 
+@pytest.mark.parametrize(("given", "threads"), [([], 4), (["threads=3"], 3)])
+def test_a_cell_gets_its_share_of_the_cores_and_settings_that_its_row_knows(
+    given: list[str], threads: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The precision is a setting of the diffusion prior, which the row sets, and of no prior there is else."""
+    monkeypatch.setattr(launchers.os, "sched_getaffinity", lambda _: set(range(8)))
+    own = ["jobs=2", "rows=diffusion, kernel", "scenes=hat", "prior.options.precision=bf16", "device=cpu", *given]
+    monkeypatch.setattr(table_module, "run_cells", lambda cells, *_: seen.extend(cells) or len(cells))
+    monkeypatch.setattr(table_module, "write_cells", lambda *_: None)
+    seen: list[module.Cell] = []
+    main(["table=ablations", *own])
+    assert [cell.config.threads for cell in seen] == [threads]
+    assert seen[0].config.prior.options["precision"] == "bf16"
+    assert f"{threads} threads each" in capfd.readouterr().err
+
+
 def test_threads_share_the_cores_and_depend_on_the_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(launchers.os, "sched_getaffinity", lambda _: set(range(8)))
     monkeypatch.setattr(launchers, "total_memory", lambda: 64 << 30)
@@ -178,6 +195,6 @@ def test_whole_table_on_the_tiny_scene(monkeypatch: pytest.MonkeyPatch, capfd: p
     assert len(files) == len(rows)
     assert main(arguments) == 0
     assert [path.stat().st_mtime_ns for path in files] == times
-    (folder,) = results.glob("runs/tiny/none-*")
+    (folder,) = results.glob("runs/tiny/none-seed0-*")
     config_hash = json.loads((folder / "config.json").read_text())["config_hash"]
     assert finished_record(folder, config_hash) is not None

@@ -129,6 +129,14 @@ def test_density_is_proportional_to_radiance(name: str) -> None:
         np.testing.assert_allclose(mixed, 0.75 * found + 0.25 * bound, rtol=1e-4, atol=0)
 
 
+def test_large_maps_are_looked_at_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the same last bit: 64 cells of a map of 4096 x 8192 texels would take 60 GB at once."""
+    whole = latlong.sampling_grid.__wrapped__(32, 64, torch.device("cpu"))
+    monkeypatch.setattr(latlong, "AT_ONCE", 5 * 32 * 64)
+    parts = latlong.sampling_grid.__wrapped__(32, 64, torch.device("cpu"))
+    assert all(torch.equal(one, other) for one, other in zip(whole, parts, strict=True))
+
+
 @pytest.mark.parametrize("height", [1, 2, 16, 32, 64])
 def test_every_direction_that_can_light_a_normal_can_be_drawn(height: int) -> None:
     """Wherever n.d > 0 in a lit texel the density is at least a share of what cosine-weighted sampling would give.

@@ -255,14 +255,18 @@ MISTAKES: dict[str, tuple[Callable[[Path], object], dict[str, str], str]] = {
     "other folder": (renamed("albedo", "albedo_gone"), {}, "unknown folder 'albedo_gone'; did you mean 'albedo'?"),
     "missing light": (renamed("relighting/night", "../night"), {}, "expected every novel light, found no relighting/night"),
     "other encoding": (lambda folder: None, {"encoding": "gamma"}, "unknown value of method.options.encoding: 'gamma'"),
+    "two of one name": (lambda folder: None, {"twice": "yes"}, "expected views of different names, found 2 called 0000"),
     "no order": (lambda folder: None, {"order": "no.json"}, "no.json: no such file"),
 }
 
 
 @pytest.mark.parametrize("case", MISTAKES)
 def test_a_mistake_is_one_sentence_that_names_it(scene: Scene, pictures: Path, case: str) -> None:
-    spoil, options, said = MISTAKES[case]
+    spoil, given, said = MISTAKES[case]
+    options = dict(given)
     spoil(pictures)
+    if options.pop("twice", None):
+        scene = replace(scene, test=(*scene.test, replace(scene.test[1], name=scene.test[0].name)))
     with pytest.raises(InputError, match=re.escape(said)) as error:
         brought(scene, BroughtImages, path=str(pictures), **options)
     assert "\n" not in str(error.value)

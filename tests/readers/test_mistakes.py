@@ -181,6 +181,10 @@ MISTAKES: dict[str, Mistakes] = {
         "wrong width": (edit(WHOLE, lambda c: c.update(w=64)), "expected w = 64, as .* says, found 32"),
         "focal length in a list": (edit(WHOLE, lambda c: c.update(fl_x=[50.0])), r"fl_x: expected a finite number, found \[50.0\]"),
         "fisheye": (edit(WHOLE, lambda c: c.update(camera_model="FISHEYE")), "camera_model: expected one of.*found 'FISHEYE'"),
+        "fisheye of Instant-NGP": (
+            edit(WHOLE, lambda c: c.update(is_fisheye=bool(c.pop("camera_model")))),
+            "camera_model: .* found 'OPENCV_FISHEYE'",
+        ),
         "absurd lens": (edit(WHOLE, lambda c: c.update(k1=-40.0)), "expected the distortion of a lens, found one under which"),
         "OpenCV axes": (matrix(WHOLE, other_axes, every=True), AXES),
         "world-to-camera": (matrix(WHOLE, np.linalg.inv, every=True), f"{AXES}|{MESH}.*world-to-camera"),

@@ -117,6 +117,18 @@ def test_test_and_novel_views_are_optional(tiny_copy: Path) -> None:
     assert (len(scene.train), scene.test, scene.novel) == (16, (), ())
 
 
+def test_a_split_that_leads_nowhere_and_a_lens_are_refused(tiny_copy: Path) -> None:
+    """Such as a link whose content has not been fetched; our photographs are those of pinholes."""
+    (tiny_copy / "transforms_test.json").unlink()
+    (tiny_copy / "transforms_test.json").symlink_to("nowhere")
+    with pytest.raises(InputError, match=r"transforms_test\.json"):
+        NativeReader(tiny_copy).read(truth=False)
+    (tiny_copy / "transforms_test.json").unlink()
+    edit_json(tiny_copy / TRAIN, lambda content: content["frames"][3].update(k1=0.1))
+    with pytest.raises(InputError, match=r"frames\[3\]: expected a pinhole camera without distortion"):
+        NativeReader(tiny_copy).read(truth=False)
+
+
 def test_intrinsics_of_the_file_and_of_a_frame(tiny_copy: Path) -> None:
     """fl_x in pixels means the same as camera_angle_x; a frame's own value wins over the file's."""
     before = NativeReader(tiny_copy).read(truth=False).train[3].camera

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ia_bench.capture.capture import captured
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.render.agreement import GOOD, MISTAKES, check_agreement
 from ia_bench.scenes.scene import Scene
@@ -21,6 +23,13 @@ def test_a_scene_in_our_conventions_agrees(tiny: Scene) -> None:
     notes: list[str] = []
     assert check_agreement(tiny, notes.append) > 0.97
     assert notes == ["mesh and masks: intersection over union 0.98 over 8 training views"]
+
+
+def test_pixels_of_which_nothing_is_known_do_not_count(tiny: Scene) -> None:
+    """An object of 21 pixels loses a third of its area with a margin of two."""
+    settings = CaptureSettings(margin=2)
+    hidden = captured(tiny, settings, lambda line: None)
+    assert check_agreement(hidden, lambda line: None) > 0.97
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)

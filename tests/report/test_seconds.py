@@ -145,6 +145,9 @@ def test_the_first_sentence_says_what_spoils_the_comparison() -> None:
     mixed = [one | ({"commit": "1" * 40} if one["row"] == "ours" else {}) | {"threads": None} for one in records()]
     first = clocked(mixed).told.split(": ")[0]
     assert first == "Runs differ in threads (unknown) and commit (000000000000, 111111111111)"
+    alike = {"ours": "Intel(R) Xeon(R) 8481C"}
+    cpus = [one | {"cpu": alike.get(str(one["row"]), "Intel(R) Xeon(R) 8370C")} for one in records()]
+    assert clocked(cpus).told.startswith("Runs differ in cpu (Intel(R) Xeon(R) 8370C, Intel(R) Xeon(R) 8481C): ")
     alone = clocked(records(), replace(TABLE, curve=[]))
     assert "“none” was not run with more work" in alone.told
     assert compared(as_table(records()), alone, ALBEDO)["ours"].beyond

@@ -20,7 +20,7 @@ from run_folders import CONFIG, HASH, LABELS, good_content, good_record
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.runs import folder as checkpoint
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.record import METRICS_FILE, RunRecord, finished_record
+from ia_bench.runs.record import METRICS_FILE, RunRecord, RunSetup, finished_record
 
 
 def test_failure_is_recorded_and_is_not_finished(folder: RunFolder) -> None:
@@ -128,6 +128,17 @@ def test_a_folder_with_nothing_but_a_failed_run_is_used_again(folder: RunFolder)
         again.write_record(good_record())
     with pytest.raises(InputError, match="holds the results of another configuration"):
         RunFolder(folder.path, CONFIG, HASH)
+
+
+def test_a_run_that_goes_on_says_where_its_files_are_now(folder: RunFolder) -> None:
+    """Of a finished one nothing is changed."""
+    path, moved = folder.path, {"command": "ia-bench run scene.path=/b", "config": {"scene": {"path": "/b"}}}
+    folder.__exit__(None, None, None)
+    with RunFolder(path, CONFIG, HASH, setup=moved) as again:
+        assert RunSetup.read(path).config == moved["config"]
+        again.write_record(good_record())
+    RunFolder(path, CONFIG, HASH, setup={"command": "", "config": {}}).__exit__(None, None, None)
+    assert RunSetup.read(path).command == moved["command"]
 
 
 WRITER = """

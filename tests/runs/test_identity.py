@@ -113,6 +113,17 @@ def test_hash_follows_the_content_of_weights_and_not_their_place(tmp_path: Path)
     assert hash_with("prior=corrected", nested[0]) != hash_with("prior=corrected", nested[1])
 
 
+def test_normals_of_a_folder_that_one_word_names_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("normals").mkdir()
+    Path("normals", "0000.exr").write_bytes(b"one")
+    given = ["capture.geometry=sdf", "capture.sdf.normals=normals"]
+    before = hash_with(*given)
+    assert setup(compose(given))["config"]["capture"]["sdf"]["normals"] == str(tmp_path / "normals")
+    Path("normals", "0000.exr").write_bytes(b"other")
+    assert hash_with(*given) != before
+
+
 def test_weights_are_the_prior_s_own_knowledge(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Packaged ones count however the prior is named, and behind another one; of two folders of weights each counts."""
     before = {name: hash_with(f"prior={name}") for name in PRIORS}

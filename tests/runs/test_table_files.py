@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from ia_bench.cli.table import parse
 from ia_bench.common.errors import InputError
 from ia_bench.runs import table as module
 from ia_bench.runs.cells import TableRequest, make_cells
-from ia_bench.runs.table import Claim, Row, SceneEntry, Table, load_table, some_rows
+from ia_bench.runs.table import Claim, Row, SceneEntry, Table, capture_of, crossed_name, load_table, some_rows
 
 BAD_NAMES = ('""', '" "', '"a\\nb"', '"a\\0b"', "a" * 5000)
 
@@ -78,6 +79,10 @@ def test_some_rows_of_a_table_are_named_with_the_commas_that_they_have() -> None
     assert [row.name for row in few.rows] == ["none", "targets", "refiner, hull"]
     assert (few.reference, few.claims) == ("none", claims[:1])
     assert [row.name for row in some_rows(table, "refiner").rows] == ["refiner"]
+    few_views = [crossed_name(name, capture_of({"views": 8}).label) for name in ("none", "targets", "refiner")]
+    claims = [Claim(better, few_views[0]) for better in few_views[1:]]
+    crossed = replace(table, captures=[{"views": 8}, {"views": 32}], claims=claims)
+    assert some_rows(crossed, "none,targets").claims == crossed.claims[:1]
     assert some_rows(table, "refiner").reference is None
     with pytest.raises(InputError, match="rows: expected every row once, found none, none"):
         some_rows(table, "none,none")

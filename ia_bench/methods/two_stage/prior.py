@@ -38,8 +38,8 @@ class PriorLoss:
         self._used = self._coupling.uses(self._prior.info.provides)
         if self._coupling.period and not isinstance(self._prior, Distiller):
             raise InputError(
-                f"coupling={type(self._coupling).__name__.lower()}: expected a prior with a method distill(observations, renders, "
-                f"*, seed), found {name_of(self._prior)}, which has none"
+                f"coupling: it asks again every {self._coupling.period} steps, so expected a prior with a method "
+                f"distill(observations, renders, *, seed), found {name_of(self._prior)}, which has none"
             )
 
     @property
