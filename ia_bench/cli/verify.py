@@ -74,7 +74,8 @@ def _repeat(wanted: argparse.Namespace, tables: Sequence[Path]) -> int:
         apart = found.apart(wanted.tolerance)
         state = "not run again" if found.problem else "differs" if apart else "agrees"
         counts[state] += 1
-        say(f"{run['folder']}: {name_of(run)}: {state}{found.problem and f': {found.problem}'}", sys.stdout)
+        why = found.problem or found.changed
+        say(f"{run['folder']}: {name_of(run)}: {state}{why and f': {why}'}", sys.stdout)
         for metric, (old, new) in found.scores.items():
             mark = "  <-" if metric in apart else ""
             say(f"  {metric.key:<24}{old:>12.6f}{new:>12.6f}{new - old:>+12.6f}{mark}", sys.stdout)

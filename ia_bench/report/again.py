@@ -32,11 +32,13 @@ class Repeated:
     """What came of running a published ``run`` again.
 
     ``scores``: metric that was published -> its value then and now, NaN where it is undefined now. ``problem``: why there are none.
+    ``changed``: what is another one than then, and may have left the scores alone.
     """
 
     run: Record
     scores: dict[Metric, tuple[float, float]]
     problem: str = ""
+    changed: str = ""
 
     def apart(self, tolerance: float) -> list[Metric]:
         """The metrics whose values are farther apart than ``tolerance`` (dB), or OTHERS of it where they are no PSNR."""
@@ -52,17 +54,12 @@ def drawn(published: Sequence[Record], share: float, seed: int) -> list[Record]:
 
 
 def overrides_of(run: Record) -> list[str]:
-    """The settings of a published run. Raises InputError where they are not recorded, or no longer mean what was run."""
+    """The settings of a published run. Raises InputError where they are not recorded."""
     if not run.get("command"):
         raise InputError("its runs.csv does not hold the command line, as a report of this version does")
     overrides = shlex.split(run["command"])
     if run.get("threads") and not any(text.startswith("threads=") for text in overrides):
         overrides.append(f"threads={run['threads']}")
-    now = hash_of(identity(compose(overrides)))[:HASH_DIGITS]
-    if now != run["config_hash"]:
-        raise InputError(
-            f"its configuration has another identity now ({now}, not {run['config_hash']}): code, weights or scene differ"
-        )
     return overrides
 
 
@@ -70,6 +67,7 @@ def repeat(run: Record) -> Repeated:
     """Run a published run again, in a process of its own and a folder that goes, and compare all that was published of it."""
     try:
         overrides = overrides_of(run)
+        now = hash_of(identity(compose(overrides)))[:HASH_DIGITS]
     except InputError as error:
         return Repeated(run, {}, str(error))
     with tempfile.TemporaryDirectory() as place:
@@ -80,4 +78,6 @@ def repeat(run: Record) -> Repeated:
         record = RunRecord.read(Path(place, "run"))
     known = {metric: run[metric.column] for metric in MEASURED if run.get(metric.column) is not None}
     found = {metric: record.score(metric.key) for metric in known}
-    return Repeated(run, {metric: (old, math.nan if (new := found[metric]) is None else new) for metric, old in known.items()})
+    scores = {metric: (old, math.nan if (new := found[metric]) is None else new) for metric, old in known.items()}
+    changed = f"its identity is {now} now, not {run['config_hash']}: settings, weights or scene are others"
+    return Repeated(run, scores, changed="" if now == run["config_hash"] else changed)

@@ -76,7 +76,7 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
     given, keys = tuple(overrides), {text.partition("=")[0] for text in overrides}
     overrides = [f"++{text}" if text.startswith(OPTIONS) else text for text in overrides]  # keys that no file needs to have
     overrides = [re.sub(r"^(\+?\w+)=(\w+)$", _group_by_name, text) for text in overrides]
-    foreign = any(text.startswith("reader=") and text != "reader=native" for text in overrides)
+    foreign = any(text.startswith("reader=") and text.partition("=")[2].strip("'\"") != "native" for text in given)
     if ("scene.path" in keys or foreign) and "scene.name" not in keys:
         overrides.append("scene.name=''")  # which is then what its reader calls it, and no shipped scene
     register(overrides)
