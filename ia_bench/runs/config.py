@@ -150,6 +150,8 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     if capture.geometry == "sdf" and capture.sdf.normals != SdfSettings.normals:
         normals = str(user_path("capture.sdf.normals", capture.sdf.normals, folder=True))
         capture = replace(capture, sdf=replace(capture.sdf, normals=normals))
+    if config.protocol.lpips.weights is not None:
+        user_path("protocol.lpips.weights", config.protocol.lpips.weights)  # a run would find out after its fit
     kind = registry.load(registry.named("reader", reader.name, reader.target))
     check_arguments(kind, reader.options, "reader.options", 1)
     options = {key: list(value) if isinstance(value, tuple) else value for key, value in defaults_of(kind, 1).items()}

@@ -219,7 +219,7 @@ def layer_distances(predicted: np.ndarray, true: np.ndarray, settings: LpipsSett
 
 
 def check_weights(settings: LpipsSettings) -> None:
-    """Raise InputError where ``settings`` names a file that cannot be used: before a run, which would find out at its end."""
+    """Raise InputError where ``settings`` names a file that cannot be used: before a fit, whose scores would find out."""
     if settings.weights is not None and not Path(settings.weights).is_file():
         raise InputError(f"protocol.lpips.weights: expected an existing safetensors file, found {settings.weights!r}")
     if settings.weights is not None and isinstance(network := load(settings), str):

@@ -16,7 +16,6 @@ from ia_bench.capture.settings import CaptureSettings
 from ia_bench.checks import methods
 from ia_bench.checks.finding import Finding
 from ia_bench.checks.methods import check_method
-from ia_bench.cli import check
 from ia_bench.cli.check import main
 from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material
@@ -24,6 +23,7 @@ from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.info import MethodInfo
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.settings import RenderSettings
+from ia_bench.runs import scene as scenes
 from ia_bench.runs.config import RunConfig
 from ia_bench.scenes.scene import Scene
 
@@ -220,6 +220,6 @@ def test_the_command_fits_on_the_cpu_where_there_is_a_gpu(monkeypatch: pytest.Mo
         raise InputError("far enough")
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(check, "captured_scene", stop)
+    monkeypatch.setattr(scenes, "captured_scene", stop)
     assert main(["method=two_stage"]) == 2
     assert devices == ["cpu"]

@@ -118,6 +118,8 @@ def test_another_reader_needs_no_folder(monkeypatch: pytest.MonkeyPatch, tmp_pat
     (tmp_path / "their_package.py").write_text("class Read:\n    def __init__(self, path): ...\n    def read(self, truth): ...\n")
     config = compose(["device=cpu", "reader=their_package:Read"])
     assert config.scene.name == "their_package:Read"
+    named = compose(["device=cpu", "reader=their_package:Read", "scene.name=mine"])  # as an entry of a table names it
+    assert named.scene.name == "mine"
     assert resolve_scene_folder(config.scene, config.reader) is None
     assert identity(config)["scene"] == {"name": "their_package:Read", "content": None}
 
@@ -141,6 +143,7 @@ def test_another_reader_needs_no_folder(monkeypatch: pytest.MonkeyPatch, tmp_pat
         ("fit.regulariser_options.symmetry.amount=1", "unknown regulariser in 'fit.regulariser_options.symmetry'"),
         (f"row={'b' * 201}", "row: expected a name of 1 to 200 printable characters, found"),
         (f"scene.name={'a' * 5000}", "scene.name: expected a name of 1 to 200 printable characters, found"),
+        ("protocol.lpips.weights=no/such", "protocol.lpips.weights=no/such: no such file"),
         ("out=''", "out: expected some text, found ''"),
         ("scene=3", "unknown scene '3'. There are: "),
         ("+prior=true", "unknown prior 'true'. There are: "),

@@ -62,6 +62,8 @@ def test_weights_of_another_network_and_files_of_none_are_named_not_used(tmp_pat
             distance(GUESS, settings=LpipsSettings(net=net, weights=str(path)))
         with pytest.raises(InputError, match=r"protocol\.lpips\.weights: .*" + message):  # before a run
             perceptual.check_weights(LpipsSettings(net=net, weights=str(path)))
+    with pytest.raises(InputError, match=r"protocol\.lpips\.weights: expected an existing .*'no/such/file'"):
+        perceptual.check_weights(LpipsSettings(weights="no/such/file"))
     perceptual.check_weights(LpipsSettings(net="squeeze", weights=str(WEIGHTS)))
     perceptual.check_weights(LpipsSettings(net="alex"))
 
