@@ -28,11 +28,6 @@ class Material:
     roughness: Tensor
     metallic: Tensor | None = None
 
-    def parts(self) -> dict[str, Tensor]:
-        """Name -> texture, of those that there are."""
-        named = {"albedo": self.albedo, "roughness": self.roughness, "metallic": self.metallic}
-        return {name: texture for name, texture in named.items() if texture is not None}
-
 
 def bilinear_taps(uv: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
     """The four texels around each UV (..., 2): their indices (..., 4) in the flattened texture, and their weights (..., 4).

@@ -57,21 +57,20 @@ class Fusion:
         """What the pixels show of a texture (T, T, C): (P, C)."""
         return self._surface.averaged(self._face, self._barycentric, texture)
 
-    def moved(self, material: Material, albedo: tuple[Tensor, Tensor, float], scalars: tuple[Tensor, Tensor, float]) -> Material:
+    def moved(self, material: Material, albedo: tuple[Tensor, Tensor, float], roughness: tuple[Tensor, Tensor, float]) -> Material:
         """The ``material`` moved from what the pixels show of it to what they should show: both (P, C), and a share of the way.
 
         An albedo changes by the factor exp(share * mean of log((wanted + e) / (shown + e))) of albedos plus e = OFFSET; the mean
-        factor of each channel is taken out, since level and colour are the light's to find. ``scalars`` are of roughness (C = 1) or
-        of roughness and metallic (C = 2), and change by share * mean of wanted - shown. What comes back may be out of its range.
+        factor of each channel is taken out, since level and colour are the light's to find. A roughness changes by share * mean
+        of wanted - shown. What comes back may be out of its range.
         """
         size = len(material.albedo)
         shown, wanted, share = albedo
         change = torch.log(wanted.clamp_min(0) + OFFSET) - torch.log(shown.clamp_min(0) + OFFSET)
         factor = torch.exp(share * self.texture(change - self.mean(change), size))
-        shown, wanted, share = scalars
-        moved = share * self.texture(wanted - shown, size)
-        metallic = material.metallic if shown.shape[1] == 1 or material.metallic is None else material.metallic + moved[..., 1:]
-        return Material((material.albedo + OFFSET) * factor - OFFSET, material.roughness + moved[..., :1], metallic)
+        shown, wanted, share = roughness
+        moved = material.roughness + share * self.texture(wanted - shown, size)
+        return Material((material.albedo + OFFSET) * factor - OFFSET, moved, material.metallic)
 
     def mean(self, values: Tensor) -> Tensor:
         """(C,), over the pixels that ``values`` (P, C) belong to."""

@@ -3,8 +3,8 @@
 Barron and Malik (Shape, Illumination, and Reflectance from Shading, 2015) call a small entropy of all colours of an object
 parsimony, and price it while they fit. Here it is a step of mean shift (Comaniciu and Meer 2002) toward the modes of the density
 of what a fit has recovered so far, taken a few times between its steps and once at its end. Light and albedo make up for each
-other's errors; once one is averaged out of the albedo, the steps that follow take its counterpart out of the light. Nothing in it
-was trained.
+other's errors; once one is averaged out of the albedo, the steps that follow take its counterpart out of the light. Metallic
+is left alone. Nothing in it was trained.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PASSES = 0.4, 0.5, 0.6, 0.7, 0.8, 1.0
 GREY, CHROMA = 0.05, 0.025
 """Bandwidths of display values along grey and across it: an error of the light is one of brightness more than of colour."""
 ROUGHNESS = 0.2
-"""Bandwidth of the roughness, and of metallic where it is recovered."""
+"""Bandwidth of the roughness."""
 REACH = 0.15
 """Bandwidth of the place, as a fraction of the diagonal of the box around all places."""
 PARTNERS = 2048
@@ -41,7 +41,7 @@ FAINT = -100.0
 
 @dataclass(eq=False)
 class Parsimony(Regulariser):
-    """Albedo, roughness and metallic of places that the asked views show move toward the means of places that resemble them.
+    """Albedo and roughness of places that the asked views show move toward the means of places that resemble them.
 
     Attributes:
         amount: How far they move; 0 leaves them where they are.
@@ -62,27 +62,26 @@ class Parsimony(Regulariser):
         fusion = self._places.drawn(PLACES, state.generator)
         if not self.amount or not fusion:
             return material
-        scalars = [texture for texture in (material.roughness, material.metallic) if texture is not None]
-        albedo, scalar = fusion.looked_up(material.albedo), fusion.looked_up(torch.cat(scalars, -1))
-        means = pooled(albedo, scalar, fusion.position, state.generator)
-        return fusion.moved(material, (albedo, means[0], self.amount), (scalar, means[1], self.amount))
+        albedo, roughness = fusion.looked_up(material.albedo), fusion.looked_up(material.roughness)
+        means = pooled(albedo, roughness, fusion.position, state.generator)
+        return fusion.moved(material, (albedo, means[0], self.amount), (roughness, means[1], self.amount))
 
 
-def pooled(albedo: Tensor, scalars: Tensor, position: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Means of albedo and of other parameters over partners, each weighed by exp(-|f_i - f_j|^2 / 2).
+def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Means of albedo and roughness over partners, each weighed by exp(-|f_i - f_j|^2 / 2).
 
-    Features f are display values, ``scalars`` and place over their bandwidths. Albedos are averaged as log(albedo + OFFSET).
-    Partners are drawn among all places with the ``generator``; a place is its own one besides, with the share of places that are
-    drawn as its weight, so that what nothing resembles stays as it is.
+    Features f are display values, roughness and place over their bandwidths. Albedos are averaged as log(albedo + OFFSET). Partners
+    are drawn among all places with the ``generator``; a place is its own one besides, with the share of places that are drawn as
+    its weight, so that what nothing resembles stays as it is.
 
-    Albedo (P, 3) linear in [0, 1], ``scalars`` (P, S) perceptual roughness and, if S is 2, metallic, and ``position`` (P, 3) in
-    scene units, of P > 0 places; the first two come back.
+    Albedo (P, 3) linear in [0, 1], roughness (P, 1) perceptual and ``position`` (P, 3) in scene units, of P > 0 places; the first
+    two come back.
     """
-    shown, place, one = linear_to_srgb(albedo), position - position.mean(0), torch.ones_like(albedo[:, :1])
+    shown, place, one = linear_to_srgb(albedo), position - position.mean(0), torch.ones_like(roughness)
     grey, extent = shown.mean(1, keepdim=True), (place.amax(0) - place.amin(0)).norm().clamp_min(1e-12)
-    parts = math.sqrt(3) * grey / GREY, (shown - grey) / CHROMA, scalars / ROUGHNESS, place / (REACH * extent)
+    parts = math.sqrt(3) * grey / GREY, (shown - grey) / CHROMA, roughness / ROUGHNESS, place / (REACH * extent)
     features = math.sqrt(math.log2(math.e)) * torch.cat(parts, 1)  # so that weights are powers of two
-    values = torch.cat([torch.log(albedo + OFFSET), scalars, one], 1)  # the last one sums the weights
+    values = torch.cat([torch.log(albedo + OFFSET), roughness, one], 1)  # the last one sums the weights
     drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[:PARTNERS]
     half = -0.5 * features.square().sum(1, keepdim=True)
     # Of the product of the next two, each entry is -d^2 / 2.
@@ -90,5 +89,5 @@ def pooled(albedo: Tensor, scalars: Tensor, position: Tensor, generator: torch.G
     theirs, sums = values[drawn].T.contiguous(), len(drawn) / len(albedo) * values
     for some, total in zip(places.split(BATCH), sums.split(BATCH), strict=True):
         total += (theirs @ (some @ partners).clamp_(FAINT, 0).exp2_().T).T
-    mean = sums[:, :-1] / sums[:, -1:]
+    mean = sums[:, :4] / sums[:, 4:]
     return mean[:, :3].exp() - OFFSET, mean[:, 3:]

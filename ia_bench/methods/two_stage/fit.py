@@ -119,8 +119,8 @@ class Fit:
         due = [one for one in self.regularisers if not one.completes and one.due(done, self.steps)]
         if due and "albedo" not in self.parameters.frozen(done, self.steps):
             material = self._applied(due, self.parameters.material(detached=True))
-            for name, texture in material.parts().items():
-                self.parameters.tensors[name].copy_(texture)
+            for name in ("albedo", "roughness"):
+                self.parameters.tensors[name].copy_(getattr(material, name))
 
     @torch.no_grad()
     def _applied(self, regularisers: list[Regulariser], material: Material) -> Material:
@@ -137,7 +137,8 @@ class Fit:
         with self.descent.book("prior"):
             for regulariser in regularisers:
                 moved = regulariser.apply(material, state)
-                material = Material(**{name: in_range(name, texture) for name, texture in moved.parts().items()})
+                parts = in_range("albedo", moved.albedo), in_range("roughness", moved.roughness)
+                material = Material(*parts, moved.metallic)
         return material
 
     def _reconstruction(self, *, final: bool) -> TexturedReconstruction:

@@ -47,7 +47,7 @@ class LearningRates:
 
     albedo: Rate = 0.03
     roughness: Rate = 0.1
-    metallic: Rate = 0.1
+    metallic: Rate = 0.05
     light: Rate = 0.2
     scale_ambiguity: Rate = 0.05
     final: Positive = 0.05
@@ -59,7 +59,7 @@ class MultigridRates:
 
     albedo: Rate = 0.02
     roughness: Rate = 0.01
-    metallic: Rate = 0.1
+    metallic: Rate = 0.01
     light: Rate = 0.2
 
 
