@@ -131,11 +131,11 @@ def _check_coupling(arguments: Sequence[str]) -> Checked:
 def _check_regulariser(arguments: Sequence[str]) -> Checked:
     """Its options are written ``regulariser.options.KEY=VALUE``: it is part of no configuration by itself."""
     own = dict(text.split("=", 1) for text in arguments if text.startswith("regulariser") and "=" in text)
+    if "regulariser" not in own:
+        raise InputError("expected regulariser=NAME, found none")
     _, scene, make_problem = _on_tiny([text for text in arguments if not text.startswith("regulariser")])
     from ia_bench.checks.fit_parts import check_regulariser
 
-    if "regulariser" not in own:
-        raise InputError("expected regulariser=NAME, found none")
     name = own.pop("regulariser")
     options = {key.removeprefix("regulariser.options."): value_of(value) for key, value in own.items()}
     what, make = _maker("regulariser", name, options)

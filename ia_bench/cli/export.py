@@ -80,10 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             )
         bounds = sum(int((~view.known & (view.mask > 0)).sum()) for view in scene.train)
         if bounds:
-            say(
-                f"{bounds} pixels that are clipped, or not known, are written as they stand, and will be taken for known",
-                sys.stdout,
-            )
+            say(f"{bounds} pixels that are clipped, or not known, are written as they stand, and then pass for known", sys.stdout)
         values = "".join(f" reader.options.{key}={str(value).replace(' ', '')}" for key, value in options.items())
         say(f"{out}: {scene.name} as {wanted.format}; it is read back by", sys.stdout)
         say(f"  ia-bench check reader={form.reader} scene.path={out}{values}", sys.stdout)

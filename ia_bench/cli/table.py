@@ -85,8 +85,8 @@ def make_table(request: TableRequest) -> int:
     of_the_machine = [text for text in request.overrides if text.partition("=")[0] in ("device", "threads")]
     config = compose(of_the_machine, here=launcher.here)  # the others are composed with each row, which may be what knows them
     jobs, threads = launcher.jobs_and_threads(request.jobs, config.device)
-    if any(text.startswith("threads=") for text in of_the_machine):
-        threads = config.threads or threads
+    if config.threads is not None and any(text.startswith("threads=") for text in of_the_machine):
+        threads = config.threads
     results = Path("results", slug(request.name))
     broken: list[str] = []
     cells = make_cells(table, request, threads, results, broken.append)
