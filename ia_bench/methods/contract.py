@@ -95,7 +95,10 @@ class Problem:
     def renderer(self) -> Renderer:
         """The renderer of the plan."""
         with self.costs.exclude("bake"):
-            return self.stage.renderer(shadows=self.plan.shadows, bounces=self.plan.bounces, coat=self.render.coat)
+            settings = self.render
+            return self.stage.renderer(
+                shadows=self.plan.shadows, bounces=self.plan.bounces, coat=settings.coat, control_variate=settings.control_variate
+            )
 
     @cached_property
     def prior(self) -> Prior:

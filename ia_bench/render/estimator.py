@@ -23,7 +23,7 @@ class DirectionSamples:
     """Directions of N points, ``count`` by the light and then ``count`` by the BRDF."""
 
     direction: Tensor  # (N, 2 count, 3), unit
-    texel: Tensor  # (N, 2 count) int32, of the light; -1 where a sample adds nothing
+    texel: Tensor  # (N, 2 count) int32, of the light; -1 where a sample adds nothing, below that see :mod:`ia_bench.render.control`
     terms: Tensor  # (N, 2 count, 4), what the sample is worth; see :func:`ia_bench.render.kernels.draw`
     boost: Tensor  # (N, count), by how much more the directions by the BRDF would weigh if there were no others
 
@@ -36,6 +36,13 @@ class FromObject(NamedTuple):
     atlas: Tensor  # (side, side) int32, the texel at each place
     seen: Tensor  # (N, count) int32, the row of ``leaving`` that each direction by the BRDF ends on, -1 for none
     first: Tensor | None = None  # (N,) int32, the row of ``arriving`` that is a point's texel 0; None for row 0
+
+
+class Steady(NamedTuple):
+    """What a control variate of diffuse light knows without samples (:mod:`ia_bench.render.control`)."""
+
+    irradiance: Tensor  # (A, 3), E_t of the texels of an atlas; differentiable
+    rows: Tensor  # (N,) int32, the texel of each point, -1 for none
 
 
 class Shaded(NamedTuple):
@@ -86,24 +93,33 @@ def draw_samples(
 
 
 def shade_samples(
-    surface: SurfacePoints, samples: DirectionSamples, material: Material, radiance: Tensor, coat: str, of_object: FromObject | None
+    surface: SurfacePoints,
+    samples: DirectionSamples,
+    material: Material,
+    radiance: Tensor,
+    coat: str,
+    of_object: FromObject | None,
+    steady: Steady | None = None,
 ) -> Shaded:
-    """Sum the samples under a light of ``radiance`` (H, W, 3). Differentiable in it, in the textures and in ``of_object``.
+    """Sum the samples under a light of ``radiance`` (H, W, 3). Differentiable in it, in the textures, ``of_object`` and ``steady``.
 
     ``coat``: "layered" or "added"; see :class:`ia_bench.render.settings.RenderSettings`.
     """
     textures = material.albedo, material.roughness, material.metallic
     arriving, leaving, atlas, seen, first = of_object or (None, None, None, None, None)
+    irradiance, rows = steady or (None, None)
     tables = atlas, coat_reflectance().to(radiance.device) if coat == "layered" else None
     fixed = (
         *(0 if texture is None else len(texture) for texture in textures),  # a side of 0 stands for none
         surface.normal, surface.view, surface.uv, surface.front[:, 0].float(),
-        samples.texel, samples.terms, samples.boost, seen, first, samples.boost.shape[1],
+        samples.texel, samples.terms, samples.boost, seen, first, rows, samples.boost.shape[1],
         *(part for table in tables for part in ((None, 0) if table is None else (table.reshape(-1), len(table)))),
     )  # fmt: skip
     albedo, roughness = _flat(material.albedo, 3), _flat(material.roughness, 1)
     metallic = None if material.metallic is None else _flat(material.metallic, 1)
-    return Shaded(*_Shade.apply(fixed, radiance.reshape(-1, 3).contiguous(), albedo, roughness, metallic, arriving, leaving))
+    return Shaded(
+        *_Shade.apply(fixed, radiance.reshape(-1, 3).contiguous(), albedo, roughness, metallic, arriving, leaving, irradiance)
+    )
 
 
 def _flat(texture: Tensor, channels: int) -> Tensor:

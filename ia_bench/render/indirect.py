@@ -30,6 +30,7 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import direction_to_texel, row_solid_angles, texel_to_direction
 from ia_bench.material.brdf import dot
 from ia_bench.material.textures import fetch
+from ia_bench.render.control import DiffuseControl
 from ia_bench.render.gbuffer import SurfaceInterpolator, SurfacePoints
 from ia_bench.render.rays import EmbreeRays, RayCaster
 from ia_bench.scenes.scene import Mesh
@@ -106,6 +107,7 @@ class IndirectLight(NamedTuple):
 
     arriving: Tensor  # (N, 3), the irradiance from the object itself
     leaving: Tensor  # (N, 3), the radiance that the texels send out
+    steady: Tensor | None = None  # (N, 3), of the light's irradiance what a control variate knows; None without one
 
 
 class Operator:
@@ -134,11 +136,22 @@ class Interreflection:
     """The baked operators of one mesh, for ``bounces`` >= 1 reflections between light and the point that is seen."""
 
     def __init__(
-        self, atlas: Atlas, sky: Operator, exchange: Operator, surface: SurfaceInterpolator, rays: RayCaster, bounces: int
+        self,
+        atlas: Atlas,
+        sky: Operator,
+        exchange: Operator,
+        surface: SurfaceInterpolator,
+        rays: RayCaster,
+        bounces: int,
+        control: DiffuseControl | None = None,
     ) -> None:
-        """``sky`` is S, (N, cells), and ``exchange`` X, (N, N); :func:`bake_interreflection` makes them."""
-        self.atlas, self.bounces = atlas, bounces
+        """``sky`` is S, (N, cells), and ``exchange`` X, (N, N); :func:`bake_interreflection` makes them.
+
+        With a ``control``, ``sky`` is what of S does not belong to it.
+        """
+        self.atlas, self.bounces, self.control = atlas, bounces, control
         self._sky, self._exchange = sky, exchange
+        self._steady = None if control is None else Operator(control.share)
         self._surface, self._rays = surface, rays
         self._uv = surface.uv(atlas.face, atlas.barycentric)
         self._lookup: tuple[object, Operator] | None = None  # of the sky's cells in a light that was turned last
@@ -150,15 +163,18 @@ class Interreflection:
         after another, (K N, 3).
         """
         sky = _cells(radiance) if turns is None else self._turned_cells(radiance, turns)
-        direct = self._sky.apply(sky)
+        direct, steady = self._sky.apply(sky), None
+        if self._steady is not None:
+            steady = self._steady.apply(sky)
+            direct = direct + steady
         reflectance = fetch(albedo, self._uv).repeat(1, direct.shape[1] // 3) / math.pi
         indirect = torch.zeros_like(direct)
         for _ in range(self.bounces):
             indirect = self._exchange.apply(reflectance * (direct + indirect))
         found = indirect, reflectance * (direct + indirect)
-        if turns is not None:
-            found = tuple(each.unflatten(1, (-1, 3)).transpose(0, 1).reshape(-1, 3) for each in found)
-        return IndirectLight(*found)
+        if turns is not None:  # samples of a light that turns go without the control
+            return IndirectLight(*(each.unflatten(1, (-1, 3)).transpose(0, 1).reshape(-1, 3) for each in found))
+        return IndirectLight(*found, steady)
 
     def _turned_cells(self, radiance: Tensor, turns: Tensor) -> Tensor:
         """:func:`_cells` of a map that is turned, (cells, 3 K): the mean over CELL_POINTS^2 points of each cell."""
@@ -214,9 +230,19 @@ def _cells(radiance: Tensor) -> Tensor:
 
 
 def bake_interreflection(
-    mesh: Mesh, surface: SurfaceInterpolator, rays: RayCaster, bounces: int, cache: Path, *, atlas_size: int = ATLAS_SIZE
+    mesh: Mesh,
+    surface: SurfaceInterpolator,
+    rays: RayCaster,
+    bounces: int,
+    cache: Path,
+    *,
+    atlas_size: int = ATLAS_SIZE,
+    controlled: bool = False,
 ) -> Interreflection:
-    """Trace the operators of a mesh, or read them from the cache. Raises InputError where the mesh has no atlas to speak of."""
+    """Trace the operators of a mesh, or read them from the cache; ``controlled``: with a control variate of diffuse light.
+
+    Raises InputError where the mesh has no atlas to speak of.
+    """
 
     def trace() -> dict[str, Tensor]:
         atlas = Atlas.of(mesh, atlas_size, surface.device)
@@ -233,8 +259,13 @@ def bake_interreflection(
     size = (len(atlas.face), len(atlas.face))
     pairs = torch.stack([traced["to_texel"], traced["from_texel"]]).long()
     exchange = torch.sparse_coo_tensor(pairs, traced["share"], size, check_invariants=True, is_coalesced=True)
-    sky = Operator(traced["sky"].to(surface.device).float())
-    return Interreflection(atlas, sky, Operator(exchange.to(surface.device)), surface, rays, bounces)
+    sky, control = traced["sky"].to(surface.device).float(), None
+    if controlled:
+        geometric, position = surface.geometry(atlas.face, atlas.barycentric)
+        shading = surface(atlas.face, atlas.barycentric, position + geometric)
+        control = DiffuseControl(sky, shading.normal, SKY_ROWS)
+        sky = sky - control.share
+    return Interreflection(atlas, Operator(sky), Operator(exchange.to(surface.device)), surface, rays, bounces, control)
 
 
 def _trace(atlas: Atlas, surface: SurfaceInterpolator, rays: RayCaster) -> dict[str, Tensor]:

@@ -193,18 +193,19 @@ def first_row(firsts: wp.array(dtype=int), n: int) -> int:
 @wp.kernel
 def shade(
     first: int, radiance: wp.array(dtype=wp.vec3), albedo: wp.array(dtype=wp.vec3), roughness: wp.array(dtype=float),
-    metallic: wp.array(dtype=float), arriving: wp.array(dtype=wp.vec3), leaving: wp.array(dtype=wp.vec3), albedo_side: int,
+    metallic: wp.array(dtype=float), arriving: wp.array(dtype=wp.vec3), leaving: wp.array(dtype=wp.vec3),
+    steady: wp.array(dtype=wp.vec3), albedo_side: int,
     roughness_side: int, metallic_side: int, normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3),
     uvs: wp.array(dtype=wp.vec2), fronts: wp.array(dtype=float), texels: wp.array2d(dtype=int), terms: wp.array2d(dtype=wp.vec4),
-    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), firsts: wp.array(dtype=int), count: int,
-    atlas: wp.array(dtype=int), atlas_side: int,
+    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), firsts: wp.array(dtype=int),
+    steady_rows: wp.array(dtype=int), count: int, atlas: wp.array(dtype=int), atlas_side: int,
     coat: wp.array(dtype=float), coat_side: int, diffuse: wp.array(dtype=wp.vec3), specular: wp.array(dtype=wp.vec3),
     mirrored: wp.array(dtype=wp.vec3), albedos: wp.array(dtype=wp.vec3),
 ):  # fmt: skip
     """Sum the weighted samples of a point. A side of 0 stands for a texture, an atlas or a table that there is not.
 
     ``seen`` says which row of ``leaving`` each direction by the BRDF ends on, -1 for none, and ``firsts``, if it is there, which
-    row of ``arriving`` is the first of the atlas for a point.
+    row of ``arriving`` is the first of the atlas for a point. ``steady_rows``, if they are there: :mod:`ia_bench.render.control`.
     """
     n = first + wp.tid()
     uv = uvs[n]
@@ -224,6 +225,11 @@ def shade(
             irradiance += incoming * term[0]
             base += incoming * (term[1] * (1.0 - term[3]))
             grazing += incoming * (term[1] * term[3])
+        elif texel < -1:  # in no sight, but the control has it
+            irradiance += radiance[-2 - texel] * terms[n, k][0]
+    if steady_rows.shape[0] > 0:
+        if steady_rows[n] >= 0:
+            irradiance += steady[steady_rows[n]]
     base_of_object = wp.vec3(0.0, 0.0, 0.0)
     grazing_of_object = wp.vec3(0.0, 0.0, 0.0)
     if atlas_side > 0:
@@ -251,15 +257,16 @@ def shade(
 @wp.kernel
 def shade_adjoint(
     first: int, radiance: wp.array(dtype=wp.vec3), albedo: wp.array(dtype=wp.vec3), roughness: wp.array(dtype=float),
-    metallic: wp.array(dtype=float), arriving: wp.array(dtype=wp.vec3), leaving: wp.array(dtype=wp.vec3), albedo_side: int,
+    metallic: wp.array(dtype=float), arriving: wp.array(dtype=wp.vec3), leaving: wp.array(dtype=wp.vec3),
+    steady: wp.array(dtype=wp.vec3), albedo_side: int,
     roughness_side: int, metallic_side: int, normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3),
     uvs: wp.array(dtype=wp.vec2), fronts: wp.array(dtype=float), texels: wp.array2d(dtype=int), terms: wp.array2d(dtype=wp.vec4),
-    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), firsts: wp.array(dtype=int), count: int,
-    atlas: wp.array(dtype=int), atlas_side: int,
+    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), firsts: wp.array(dtype=int),
+    steady_rows: wp.array(dtype=int), count: int, atlas: wp.array(dtype=int), atlas_side: int,
     coat: wp.array(dtype=float), coat_side: int, of_diffuse: wp.array(dtype=wp.vec3), of_specular: wp.array(dtype=wp.vec3),
     of_mirrored: wp.array(dtype=wp.vec3), of_albedo: wp.array(dtype=wp.vec3), of_radiance: wp.array(dtype=wp.vec3),
     of_albedos: wp.array(dtype=wp.vec3), of_roughness: wp.array(dtype=float), of_metallic: wp.array(dtype=float),
-    of_arriving: wp.array(dtype=wp.vec3), of_leaving: wp.array(dtype=wp.vec3),
+    of_arriving: wp.array(dtype=wp.vec3), of_leaving: wp.array(dtype=wp.vec3), of_steady: wp.array(dtype=wp.vec3),
 ):  # fmt: skip
     """Add to the gradients of all that :func:`shade` is differentiable in, by the gradients of its results.
 
@@ -302,6 +309,13 @@ def shade_adjoint(
             of_alpha += wp.dot(incoming, of_lobe) * term[2]
             irradiance += incoming * term[0]
             of_at_normal += incoming * (term[1] * (1.0 - term[3]))
+        elif texel < -1:
+            wp.atomic_add(of_radiance, -2 - texel, of_irradiance * terms[n, k][0])
+            irradiance += radiance[-2 - texel] * terms[n, k][0]
+    if steady_rows.shape[0] > 0:
+        if steady_rows[n] >= 0:
+            irradiance += steady[steady_rows[n]]
+            wp.atomic_add(of_steady, steady_rows[n], of_irradiance)
     of_at_normal = wp.cw_mul(of_at_normal, of_grazing)
     if atlas_side > 0:
         taps = bilinear_taps(uv, atlas_side, atlas_side)

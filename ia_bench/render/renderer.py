@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.estimator import DirectionSamples, draw_samples, shade_samples
+from ia_bench.render.estimator import DirectionSamples, Steady, draw_samples, shade_samples
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 from ia_bench.render.indirect import Interreflection
 from ia_bench.render.rays import RayCaster
@@ -185,16 +185,24 @@ class Renderer:
 
             # ---------------- Visibility, V = 0 where the object blocks the light ----------------
             blocked, seen = self._in_the_way(surface, drawn, count, ray_cache)
-            drawn.texel[blocked] = -1
 
             # ---------------- Indirect light: what arrives from the object in the place of the light ----------------
-            of_object = None
+            of_object = steady = None
             if indirect is not None and seen is not None:
                 assert self.interreflection is not None
                 of_object = indirect.seen_by(view, seen, self.interreflection.atlas.row)
 
+            # ---------------- The control variate: of V cos(w) what E_t does not know ----------------
+            known = None if indirect is None else indirect.light.steady
+            if self.interreflection is None or self.interreflection.control is None or known is None:
+                drawn.texel[blocked] = -1
+            else:
+                nearest, control = self.interreflection.atlas.nearest(surface.uv), self.interreflection.control
+                steady = Steady(known, control.rows(nearest, surface.normal, face >= 0))
+                control.subtract(drawn, steady.rows, surface, blocked)
+
         # ---------------- The sum, (N, 3), differentiable from here on ----------------
-        shaded = shade_samples(surface, drawn, material, light.radiance, self.coat, of_object)
+        shaded = shade_samples(surface, drawn, material, light.radiance, self.coat, of_object, steady)
 
         # ---------------- Pixels, (P, 3): the mean over their points, of which a miss is black ----------------
         pool = (face >= 0).reshape(-1, points, 1) / points

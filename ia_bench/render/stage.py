@@ -31,7 +31,7 @@ class Stage:
     def __init__(self, mesh: Mesh, device: torch.device) -> None:
         self.mesh, self.device = mesh, device
         self._gbuffers: dict[bytes, GBuffer] = {}
-        self._renderers: dict[tuple[str, int, str, int], Renderer] = {}
+        self._renderers: dict[tuple[str, int, str, int, bool], Renderer] = {}
 
     @cached_property
     def surface(self) -> SurfaceInterpolator:
@@ -80,18 +80,24 @@ class Stage:
             first = last
 
     def renderer(
-        self, *, shadows: str = "traced", bounces: int = 0, coat: str = "layered", atlas_size: int = ATLAS_SIZE
+        self,
+        *,
+        shadows: str = "traced",
+        bounces: int = 0,
+        coat: str = "layered",
+        atlas_size: int = ATLAS_SIZE,
+        control_variate: bool = False,
     ) -> Renderer:
         """The renderer of these settings (see :class:`ia_bench.render.settings.RenderSettings`); bakes are kept in the cache.
 
         ``atlas_size``: texels along a side of the atlas between whose texels light is exchanged.
         Raises InputError where the mesh has no texture coordinates that indirect light could use.
         """
-        key = (shadows, bounces, coat, atlas_size)
+        key = (shadows, bounces, coat, atlas_size, control_variate)
         if key not in self._renderers:
             visibility = NoShadows() if shadows == "none" else TracedShadows(self.rays, self.surface.offset)
             baked = self.mesh, self.surface, self.rays, bounces, cache_folder()
-            indirect = bake_interreflection(*baked, atlas_size=atlas_size) if bounces else None
+            indirect = bake_interreflection(*baked, atlas_size=atlas_size, controlled=control_variate) if bounces else None
             self._renderers[key] = Renderer(self.surface, visibility, interreflection=indirect, coat=coat)
         return self._renderers[key]
 

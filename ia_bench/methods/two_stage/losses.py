@@ -69,7 +69,8 @@ class Losses:
         if settings.image_loss == "l1":
             rendered = render(pixels, self._problem.plan.samples)
             target = one_sided(target, rendered.radiance, known)
-            return (tone_map(unit * rendered.radiance) - tone_map(unit * target)).abs().mean(), rendered
+            shown, slope = _tone_mapped(unit * target)
+            return (_encoded(unit * rendered.radiance, slope) - shown).abs().mean(), rendered
         halves = render(pixels.repeat(2), self._samples_a_half)
         rendered = halves.averaged(2)
         first, second = (unit * halves.radiance).chunk(2)
@@ -97,17 +98,31 @@ def dual_buffer_loss(first: Tensor, second: Tensor, target: Tensor, cut: float, 
     the mean render is right, and noise pulls nowhere (but for the skewness of what is cut). The value may be negative.
     Where ``known`` (P, 1) is False, the target is a lower bound: the residual of a brighter estimate counts as zero.
     """
-    with torch.enable_grad():
-        at = target.detach().clamp_min(0).requires_grad_(True)
-        shown = tone_map(at)
-        (slope,) = torch.autograd.grad(shown.sum(), at)
-    shown = shown.detach()
+    shown, slope = _tone_mapped(target)
 
     def weight(estimate: Tensor) -> Tensor:
         residual = (slope * (estimate.detach() - target) / cut).clamp(-1, 1)
         return residual if known is None else torch.where(known, residual, residual.clamp(max=0))
 
-    return 0.5 * (weight(second) * (tone_map(first) - shown) + weight(first) * (tone_map(second) - shown)).mean()
+    return 0.5 * (weight(second) * (_encoded(first, slope) - shown) + weight(first) * (_encoded(second, slope) - shown)).mean()
+
+
+def _tone_mapped(target: Tensor) -> tuple[Tensor, Tensor]:
+    """The tone map of a target (P, 3) and its slope there."""
+    with torch.enable_grad():
+        at = target.detach().clamp_min(0).requires_grad_(True)
+        shown = tone_map(at)
+        (slope,) = torch.autograd.grad(shown.sum(), at)
+    return shown.detach(), slope
+
+
+def _encoded(estimate: Tensor, slope: Tensor) -> Tensor:
+    """The tone map of an estimate (P, 3) of a target, below black along the ``slope`` at that target.
+
+    A control variate makes some estimates negative. The tone map is steepest at black, 13 times as steep as at white: continued
+    with that slope, the few below would outweigh the many above.
+    """
+    return torch.where(estimate < 0, slope * estimate, tone_map(estimate.clamp_min(0)))
 
 
 # ---- smoothness ----------------------------------------------------------------------------------------------------

@@ -136,6 +136,19 @@ def test_noise_pulls_the_l1_but_not_the_crossed_loss() -> None:
     assert plain.mean().item() > 40 * plain.std().item() / count**0.5
 
 
+def test_an_estimate_below_black_pulls_as_hard_as_one_at_its_target() -> None:
+    """A control variate makes such estimates; the tone map is 13 times as steep at black as at white."""
+    target = torch.tensor([[1.0]])
+    slopes = []
+    for value in (1.0, -0.5, -3.0):
+        estimate = torch.tensor([[value]], requires_grad=True)
+        dual_buffer_loss(estimate, target + 1, target, 0.1).backward()
+        assert estimate.grad is not None
+        slopes.append(float(estimate.grad))
+    assert slopes[0] > 0
+    assert slopes[1:] == pytest.approx([slopes[0]] * 2)
+
+
 def test_crossed_loss_stays_finite_at_black_and_blinding_pixels() -> None:
     estimate = torch.tensor([[0.0, 1e6, 0.0]], requires_grad=True)
     loss = dual_buffer_loss(estimate, estimate.detach(), torch.tensor([[0.0, 0.0, 1e6]]), 0.1)

@@ -1,0 +1,117 @@
+"""The control variate of diffuse light changes the noise of an estimate and nothing else, whatever its bake says."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+import torch
+from shapes import bowl, camera_at, plate
+from stage import Stage
+from torch import Tensor
+
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material
+from ia_bench.render.control import DiffuseControl
+from ia_bench.render.indirect import SKY_ROWS, Interreflection, Operator, bake_interreflection
+from ia_bench.render.renderer import Renderer, TracedShadows
+
+pytestmark = pytest.mark.verify
+TIMES = 48
+
+
+def bounced(stage: Stage, cache: Path, *, controlled: bool) -> Interreflection:
+    return bake_interreflection(stage.mesh, stage.surface, stage.rays, 1, cache, atlas_size=64, controlled=controlled)
+
+
+def diffuse(stage: Stage, baked: Interreflection, material: Material, light: Tensor, times: int = TIMES) -> Tensor:
+    """(times, P, 3) independent estimates of 8 samples a point."""
+    renderer = Renderer(stage.surface, TracedShadows(stage.rays, stage.surface.offset), interreflection=baked)
+    generator, pixels = torch.Generator().manual_seed(5), torch.arange(0, len(stage.gbuffer.pixel), 3)
+    sampled = SampledLight.of(light)
+    return torch.stack(
+        [renderer.render_pixels(stage.gbuffer, pixels, material, sampled, 8, generator).diffuse for _ in range(times)]
+    )
+
+
+def off(one: Tensor, other: Tensor) -> float:
+    """By how many standard errors the means over pixels and channels of two sets of estimates (times, P, 3) differ."""
+    means = [each.mean((1, 2)) for each in (one, other)]
+    error = math.sqrt(sum(float(mean.var()) / len(mean) for mean in means))
+    return abs(float(means[0].mean() - means[1].mean())) / error
+
+
+def test_a_hemisphere_keeps_its_closed_form(tmp_path: Path) -> None:
+    """See test_indirect: rho / 2 (1 + rho / 2) under light 1 from everywhere; 1 %, as of 48 times 8 samples of 100 pixels."""
+    stage = Stage.of(bowl(), [camera_at((0.0, 0.0, 4.0), pixels=24, field_of_view=24.0)])
+    material = Material(torch.full((4, 4, 3), 0.8), torch.full((4, 4, 1), 0.5))
+    found = diffuse(stage, bounced(stage, tmp_path, controlled=True), material, torch.ones(16, 32, 3))
+    assert float(found.mean()) == pytest.approx(0.5 * 0.8 * 1.4, rel=0.01)
+
+
+@pytest.mark.parametrize("rows", [8, 24, 32])
+def test_it_takes_noise_away_and_moves_nothing(
+    tiny_stage: Stage, tiny_material: Material, soft_light: Tensor, tmp_path: Path, rows: int
+) -> None:
+    """Lights of fewer, of unequal and of more rows than the bake's 16. Means within 4 standard errors (1 in 16 000)."""
+    light = LatLongEnvironment(soft_light).latlong(rows)
+    plain, with_it = (
+        diffuse(tiny_stage, bounced(tiny_stage, tmp_path, controlled=controlled), tiny_material, light)
+        for controlled in (False, True)
+    )
+    assert off(plain, with_it) < 4
+    assert float(with_it.var(0).mean()) < 0.6 * float(plain.var(0).mean())
+
+
+def test_a_bake_that_is_wrong_costs_noise_alone(
+    tiny_stage: Stage, tiny_material: Material, soft_light: Tensor, tmp_path: Path
+) -> None:
+    """Half of what its texels see is forgotten. Means within 4 standard errors (1 in 16 000)."""
+    whole, right = (bounced(tiny_stage, tmp_path, controlled=controlled) for controlled in (False, True))
+    assert right.control is not None
+    sky, rays = whole._sky.matrix.to_dense(), tiny_stage.rays
+    kept = torch.rand(sky.shape, generator=torch.Generator().manual_seed(0)) < 0.5
+    control = DiffuseControl(kept * sky, right.control._normal, SKY_ROWS)
+    wrong = Interreflection(whole.atlas, Operator(sky - control.share), whole._exchange, tiny_stage.surface, rays, 1, control)
+    plain, with_it, found = (diffuse(tiny_stage, baked, tiny_material, soft_light) for baked in (whole, right, wrong))
+    assert off(plain, found) < 4
+    assert float(found.var(0).mean()) > 1.5 * float(with_it.var(0).mean())
+
+
+def test_gradients_are_those_of_the_estimate(
+    tiny_stage: Stage, tiny_material: Material, soft_light: Tensor, tmp_path: Path
+) -> None:
+    """An estimate is linear in the light and in the albedo: a step along its gradient moves it by the product of both."""
+    baked = bounced(tiny_stage, tmp_path, controlled=True)
+    renderer = Renderer(tiny_stage.surface, TracedShadows(tiny_stage.rays, tiny_stage.surface.offset), interreflection=baked)
+    pixels, weights = torch.arange(0, len(tiny_stage.gbuffer.pixel), 3), torch.Generator().manual_seed(1)
+    wanted = torch.rand(len(pixels), 3, generator=weights)
+
+    def estimate(light: Tensor) -> Tensor:
+        sampled = SampledLight(light, SampledLight.of(soft_light).sampler)
+        drawn = torch.Generator().manual_seed(5)
+        found = renderer.render_pixels(tiny_stage.gbuffer, pixels, tiny_material, sampled, 8, drawn)
+        return (wanted * found.radiance).sum()
+
+    light = soft_light.clone().requires_grad_()
+    value = estimate(light)
+    (gradient,) = torch.autograd.grad(value, light)
+    step = torch.rand(soft_light.shape, generator=weights) * soft_light
+    moved = estimate(soft_light + step) - value.detach()
+    assert float(moved) == pytest.approx(float((gradient * step).sum()), rel=1e-4)
+
+
+def test_points_far_from_their_texels_normal_go_without(tmp_path: Path) -> None:
+    """The back of a sheet, whose texels look the other way, and entries that are none."""
+    for height, takes in ((3.0, True), (-3.0, False)):
+        stage = Stage.of(plate(1.0), [camera_at((0.5, 0.5, height))])
+        baked = bounced(stage, tmp_path, controlled=True)
+        points = stage.points(torch.arange(len(stage.gbuffer.pixel)))
+        hit = torch.arange(len(points.position)) > 0
+        assert baked.control is not None
+        rows = baked.control.rows(baked.atlas.nearest(points.uv), points.normal, hit)
+        assert rows[0] == -1
+        assert bool((rows[1:] >= 0).all()) is takes
+        assert takes or bool((rows == -1).all())
