@@ -38,13 +38,6 @@ class FromObject(NamedTuple):
     first: Tensor | None = None  # (N,) int32, the row of ``arriving`` that is a point's texel 0; None for row 0
 
 
-class Steady(NamedTuple):
-    """What a control variate of diffuse light knows without samples (:mod:`ia_bench.render.control`)."""
-
-    irradiance: Tensor  # (A, 3), E_t of the texels of an atlas; differentiable
-    rows: Tensor  # (N,) int32, the texel of each point, -1 for none
-
-
 class Shaded(NamedTuple):
     """What N points send to the camera, each (N, 3)."""
 
@@ -99,26 +92,26 @@ def shade_samples(
     radiance: Tensor,
     coat: str,
     of_object: FromObject | None,
-    steady: Steady | None = None,
+    steady: Tensor | None = None,
 ) -> Shaded:
     """Sum the samples under a light of ``radiance`` (H, W, 3). Differentiable in it, in the textures, ``of_object`` and ``steady``.
 
+    ``steady`` (N, 3): irradiance that no sample estimates (:mod:`ia_bench.render.control`).
     ``coat``: "layered" or "added"; see :class:`ia_bench.render.settings.RenderSettings`.
     """
     textures = material.albedo, material.roughness, material.metallic
     arriving, leaving, atlas, seen, first = of_object or (None, None, None, None, None)
-    irradiance, rows = steady or (None, None)
     tables = atlas, coat_reflectance().to(radiance.device) if coat == "layered" else None
     fixed = (
         *(0 if texture is None else len(texture) for texture in textures),  # a side of 0 stands for none
         surface.normal, surface.view, surface.uv, surface.front[:, 0].float(),
-        samples.texel, samples.terms, samples.boost, seen, first, rows, samples.boost.shape[1],
+        samples.texel, samples.terms, samples.boost, seen, first, samples.boost.shape[1],
         *(part for table in tables for part in ((None, 0) if table is None else (table.reshape(-1), len(table)))),
     )  # fmt: skip
     albedo, roughness = _flat(material.albedo, 3), _flat(material.roughness, 1)
     metallic = None if material.metallic is None else _flat(material.metallic, 1)
     return Shaded(
-        *_Shade.apply(fixed, radiance.reshape(-1, 3).contiguous(), albedo, roughness, metallic, arriving, leaving, irradiance)
+        *_Shade.apply(fixed, radiance.reshape(-1, 3).contiguous(), albedo, roughness, metallic, arriving, leaving, steady)
     )
 
 

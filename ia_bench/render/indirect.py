@@ -107,7 +107,7 @@ class IndirectLight(NamedTuple):
 
     arriving: Tensor  # (N, 3), the irradiance from the object itself
     leaving: Tensor  # (N, 3), the radiance that the texels send out
-    steady: Tensor | None = None  # (N, 3), of the light's irradiance what a control variate knows; None without one
+    sky: Tensor | None = None  # (cells, 3), the mean radiance of the light in each cell of the sky; None where the light turns
 
 
 class Operator:
@@ -145,13 +145,9 @@ class Interreflection:
         bounces: int,
         control: DiffuseControl | None = None,
     ) -> None:
-        """``sky`` is S, (N, cells), and ``exchange`` X, (N, N); :func:`bake_interreflection` makes them.
-
-        With a ``control``, ``sky`` is what of S does not belong to it.
-        """
+        """``sky`` is S, (N, cells), and ``exchange`` X, (N, N); :func:`bake_interreflection` makes them."""
         self.atlas, self.bounces, self.control = atlas, bounces, control
         self._sky, self._exchange = sky, exchange
-        self._steady = None if control is None else Operator(control.share)
         self._surface, self._rays = surface, rays
         self._uv = surface.uv(atlas.face, atlas.barycentric)
         self._lookup: tuple[object, Operator] | None = None  # of the sky's cells in a light that was turned last
@@ -163,18 +159,15 @@ class Interreflection:
         after another, (K N, 3).
         """
         sky = _cells(radiance) if turns is None else self._turned_cells(radiance, turns)
-        direct, steady = self._sky.apply(sky), None
-        if self._steady is not None:
-            steady = self._steady.apply(sky)
-            direct = direct + steady
+        direct = self._sky.apply(sky)
         reflectance = fetch(albedo, self._uv).repeat(1, direct.shape[1] // 3) / math.pi
         indirect = torch.zeros_like(direct)
         for _ in range(self.bounces):
             indirect = self._exchange.apply(reflectance * (direct + indirect))
         found = indirect, reflectance * (direct + indirect)
-        if turns is not None:  # samples of a light that turns go without the control
+        if turns is not None:
             return IndirectLight(*(each.unflatten(1, (-1, 3)).transpose(0, 1).reshape(-1, 3) for each in found))
-        return IndirectLight(*found, steady)
+        return IndirectLight(*found, sky)
 
     def _turned_cells(self, radiance: Tensor, turns: Tensor) -> Tensor:
         """:func:`_cells` of a map that is turned, (cells, 3 K): the mean over CELL_POINTS^2 points of each cell."""
@@ -259,12 +252,8 @@ def bake_interreflection(
     size = (len(atlas.face), len(atlas.face))
     pairs = torch.stack([traced["to_texel"], traced["from_texel"]]).long()
     exchange = torch.sparse_coo_tensor(pairs, traced["share"], size, check_invariants=True, is_coalesced=True)
-    sky, control = traced["sky"].to(surface.device).float(), None
-    if controlled:
-        geometric, position = surface.geometry(atlas.face, atlas.barycentric)
-        shading = surface(atlas.face, atlas.barycentric, position + geometric)
-        control = DiffuseControl(sky, shading.normal, SKY_ROWS)
-        sky = sky - control.share
+    sky = traced["sky"].to(surface.device).float()
+    control = DiffuseControl(sky > 0, SKY_ROWS) if controlled else None
     return Interreflection(atlas, Operator(sky), Operator(exchange.to(surface.device)), surface, rays, bounces, control)
 
 

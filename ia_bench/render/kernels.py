@@ -197,15 +197,15 @@ def shade(
     steady: wp.array(dtype=wp.vec3), albedo_side: int,
     roughness_side: int, metallic_side: int, normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3),
     uvs: wp.array(dtype=wp.vec2), fronts: wp.array(dtype=float), texels: wp.array2d(dtype=int), terms: wp.array2d(dtype=wp.vec4),
-    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), firsts: wp.array(dtype=int),
-    steady_rows: wp.array(dtype=int), count: int, atlas: wp.array(dtype=int), atlas_side: int,
+    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), firsts: wp.array(dtype=int), count: int,
+    atlas: wp.array(dtype=int), atlas_side: int,
     coat: wp.array(dtype=float), coat_side: int, diffuse: wp.array(dtype=wp.vec3), specular: wp.array(dtype=wp.vec3),
     mirrored: wp.array(dtype=wp.vec3), albedos: wp.array(dtype=wp.vec3),
 ):  # fmt: skip
     """Sum the weighted samples of a point. A side of 0 stands for a texture, an atlas or a table that there is not.
 
     ``seen`` says which row of ``leaving`` each direction by the BRDF ends on, -1 for none, and ``firsts``, if it is there, which
-    row of ``arriving`` is the first of the atlas for a point. ``steady_rows``, if they are there: :mod:`ia_bench.render.control`.
+    row of ``arriving`` is the first of the atlas for a point. ``steady``, if it is there, is irradiance that no sample estimates.
     """
     n = first + wp.tid()
     uv = uvs[n]
@@ -227,9 +227,8 @@ def shade(
             grazing += incoming * (term[1] * term[3])
         elif texel < -1:  # in no sight, but the control has it
             irradiance += radiance[-2 - texel] * terms[n, k][0]
-    if steady_rows.shape[0] > 0:
-        if steady_rows[n] >= 0:
-            irradiance += steady[steady_rows[n]]
+    if steady.shape[0] > 0:
+        irradiance += steady[n]
     base_of_object = wp.vec3(0.0, 0.0, 0.0)
     grazing_of_object = wp.vec3(0.0, 0.0, 0.0)
     if atlas_side > 0:
@@ -261,8 +260,8 @@ def shade_adjoint(
     steady: wp.array(dtype=wp.vec3), albedo_side: int,
     roughness_side: int, metallic_side: int, normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3),
     uvs: wp.array(dtype=wp.vec2), fronts: wp.array(dtype=float), texels: wp.array2d(dtype=int), terms: wp.array2d(dtype=wp.vec4),
-    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), firsts: wp.array(dtype=int),
-    steady_rows: wp.array(dtype=int), count: int, atlas: wp.array(dtype=int), atlas_side: int,
+    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), firsts: wp.array(dtype=int), count: int,
+    atlas: wp.array(dtype=int), atlas_side: int,
     coat: wp.array(dtype=float), coat_side: int, of_diffuse: wp.array(dtype=wp.vec3), of_specular: wp.array(dtype=wp.vec3),
     of_mirrored: wp.array(dtype=wp.vec3), of_albedo: wp.array(dtype=wp.vec3), of_radiance: wp.array(dtype=wp.vec3),
     of_albedos: wp.array(dtype=wp.vec3), of_roughness: wp.array(dtype=float), of_metallic: wp.array(dtype=float),
@@ -312,10 +311,9 @@ def shade_adjoint(
         elif texel < -1:
             wp.atomic_add(of_radiance, -2 - texel, of_irradiance * terms[n, k][0])
             irradiance += radiance[-2 - texel] * terms[n, k][0]
-    if steady_rows.shape[0] > 0:
-        if steady_rows[n] >= 0:
-            irradiance += steady[steady_rows[n]]
-            wp.atomic_add(of_steady, steady_rows[n], of_irradiance)
+    if steady.shape[0] > 0:
+        irradiance += steady[n]
+        of_steady[n] = of_irradiance
     of_at_normal = wp.cw_mul(of_at_normal, of_grazing)
     if atlas_side > 0:
         taps = bilinear_taps(uv, atlas_side, atlas_side)

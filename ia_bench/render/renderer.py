@@ -11,7 +11,8 @@ from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.estimator import DirectionSamples, Steady, draw_samples, shade_samples
+from ia_bench.render.control import ControlAtPoints
+from ia_bench.render.estimator import DirectionSamples, draw_samples, shade_samples
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 from ia_bench.render.indirect import Interreflection
 from ia_bench.render.rays import RayCaster
@@ -187,21 +188,20 @@ class Renderer:
             blocked, seen = self._in_the_way(surface, drawn, count, ray_cache)
 
             # ---------------- Indirect light: what arrives from the object in the place of the light ----------------
-            of_object = steady = None
+            of_object = None
             if indirect is not None and seen is not None:
                 assert self.interreflection is not None
                 of_object = indirect.seen_by(view, seen, self.interreflection.atlas.row)
 
-            # ---------------- The control variate: of V cos(w) what E_t does not know ----------------
-            known = None if indirect is None else indirect.light.steady
-            if self.interreflection is None or self.interreflection.control is None or known is None:
+            # ---------------- The control variate: what it leaves for samples to estimate ----------------
+            control = self._control(surface, face >= 0, indirect)
+            if control is None:
                 drawn.texel[blocked] = -1
             else:
-                nearest, control = self.interreflection.atlas.nearest(surface.uv), self.interreflection.control
-                steady = Steady(known, control.rows(nearest, surface.normal, face >= 0))
-                control.subtract(drawn, steady.rows, surface, blocked)
+                control.subtract(drawn, blocked)
 
         # ---------------- The sum, (N, 3), differentiable from here on ----------------
+        steady = None if control is None else control.irradiance()
         shaded = shade_samples(surface, drawn, material, light.radiance, self.coat, of_object, steady)
 
         # ---------------- Pixels, (P, 3): the mean over their points, of which a miss is black ----------------
@@ -224,6 +224,14 @@ class Renderer:
         if ray_cache is not None:
             ray_cache.keep(blocked[:, count:], seen)
         return blocked, seen
+
+    def _control(self, surface: SurfacePoints, hit: Tensor, indirect: Bounced | None) -> ControlAtPoints | None:
+        """The control variate of points that are ``hit``; None without one, and under a light that turns."""
+        bounced = self.interreflection
+        if bounced is None or bounced.control is None or indirect is None or indirect.light.sky is None:
+            return None
+        row = torch.where(hit & surface.front[:, 0], bounced.atlas.nearest(surface.uv), -1)  # texels see from the front
+        return bounced.control.at(indirect.light.sky, row, surface.normal)
 
     @torch.no_grad()
     def render_images(

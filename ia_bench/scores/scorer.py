@@ -248,9 +248,13 @@ class Scorer:
         if truth.relighting and scale is not None:
             asked |= dict.fromkeys(truth.relighting, torch.from_numpy(scale).float().to(self._device))
         pictures = {name: images for name in asked if (images := rendered(name, 0)) is not None}
-        for name in pictures if halves == 2 else ():  # one half after the other, for lights share what a half's rays meet
-            other = rendered(name, 1)
-            pictures[name] = pictures[name] if other is None else pictures[name].averaged(other)
+        recovered, given = [name for name in pictures if name == "train"], [name for name in pictures if name != "train"]
+        for names in (recovered, given) if halves == 2 else ():
+            for name in names:  # one half after the other, for lights share what a half's rays meet
+                first, other = pictures[name], rendered(name, 1)
+                pictures[name] = first if other is None else first.averaged(other)
+                if other is not None and pictures[name] is first and any(image.any() for image in first.images):
+                    break  # no noise under this light: none under the others, under which the same renderer draws
         view_synthesis = pictures.pop("train", None)
         own = reconstruction.environment
         light = _pictures_of(own, ball_pictures) if truth.light is not None else None

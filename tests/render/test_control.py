@@ -12,10 +12,10 @@ from stage import Stage
 from torch import Tensor
 
 from ia_bench.light.environment import LatLongEnvironment
-from ia_bench.light.latlong import SampledLight
+from ia_bench.light.latlong import SampledLight, row_solid_angles, texel_centres
 from ia_bench.material.textures import Material
 from ia_bench.render.control import DiffuseControl
-from ia_bench.render.indirect import SKY_ROWS, Interreflection, Operator, bake_interreflection
+from ia_bench.render.indirect import SKY_ROWS, Interreflection, bake_interreflection
 from ia_bench.render.renderer import Renderer, TracedShadows
 
 pytestmark = pytest.mark.verify
@@ -70,11 +70,10 @@ def test_a_bake_that_is_wrong_costs_noise_alone(
 ) -> None:
     """Half of what its texels see is forgotten. Means within 4 standard errors (1 in 16 000)."""
     whole, right = (bounced(tiny_stage, tmp_path, controlled=controlled) for controlled in (False, True))
-    assert right.control is not None
-    sky, rays = whole._sky.matrix.to_dense(), tiny_stage.rays
-    kept = torch.rand(sky.shape, generator=torch.Generator().manual_seed(0)) < 0.5
-    control = DiffuseControl(kept * sky, right.control._normal, SKY_ROWS)
-    wrong = Interreflection(whole.atlas, Operator(sky - control.share), whole._exchange, tiny_stage.surface, rays, 1, control)
+    free = whole._sky.matrix.to_dense() > 0
+    kept = torch.rand(free.shape, generator=torch.Generator().manual_seed(0)) < 0.5
+    control, rays = DiffuseControl(free & kept, SKY_ROWS), tiny_stage.rays
+    wrong = Interreflection(whole.atlas, whole._sky, whole._exchange, tiny_stage.surface, rays, 1, control)
     plain, with_it, found = (diffuse(tiny_stage, baked, tiny_material, soft_light) for baked in (whole, right, wrong))
     assert off(plain, found) < 4
     assert float(found.var(0).mean()) > 1.5 * float(with_it.var(0).mean())
@@ -103,15 +102,36 @@ def test_gradients_are_those_of_the_estimate(
     assert float(moved) == pytest.approx(float((gradient * step).sum()), rel=1e-4)
 
 
-def test_points_far_from_their_texels_normal_go_without(tmp_path: Path) -> None:
-    """The back of a sheet, whose texels look the other way, and entries that are none."""
-    for height, takes in ((3.0, True), (-3.0, False)):
-        stage = Stage.of(plate(1.0), [camera_at((0.5, 0.5, height))])
-        baked = bounced(stage, tmp_path, controlled=True)
-        points = stage.points(torch.arange(len(stage.gbuffer.pixel)))
-        hit = torch.arange(len(points.position)) > 0
-        assert baked.control is not None
-        rows = baked.control.rows(baked.atlas.nearest(points.uv), points.normal, hit)
-        assert rows[0] == -1
-        assert bool((rows[1:] >= 0).all()) is takes
-        assert takes or bool((rows == -1).all())
+def test_what_is_known_is_the_sum_over_cells() -> None:
+    """In float64: of free cells that are above the horizon, cosine times solid angle times radiance; and its transpose."""
+    generator = torch.Generator().manual_seed(3)
+    free = torch.rand(7, 2 * SKY_ROWS**2, generator=generator) < 0.6
+    control = DiffuseControl(free, SKY_ROWS)
+    row = torch.randint(-1, 7, (300,), generator=generator, dtype=torch.int32)
+    normal = torch.nn.functional.normalize(torch.randn(300, 3, generator=generator), dim=1)
+    sky = torch.rand(free.shape[1], 3, generator=generator).requires_grad_()
+    found = control.at(sky, row, normal).irradiance()
+    cosine = normal.double() @ texel_centres(SKY_ROWS, 2 * SKY_ROWS).reshape(-1, 3).T.double()
+    solid_angle = row_solid_angles(SKY_ROWS, 2 * SKY_ROWS).repeat_interleave(2 * SKY_ROWS)
+    reach = math.sqrt(2) * math.pi / SKY_ROWS  # no cell is larger
+    bounds = []
+    for least in (reach, 0.0):  # which cells are above the horizon is the control's own affair, but for these
+        weight = torch.where((cosine > least) & free[row.long()] & (row >= 0)[:, None], cosine * solid_angle, 0)
+        bounds.append(weight @ sky.detach().double())
+    within = (found >= bounds[0] - 1e-4) & (found <= bounds[1] + 1e-4)
+    assert within.all()
+    assert float(found.detach().mean()) > 0.9 * float(bounds[1].mean())
+    given = torch.randn(300, 3, generator=generator)
+    (gradient,) = torch.autograd.grad((found * given).sum(), sky)
+    assert float((gradient * sky.detach()).sum()) == pytest.approx(float((found.detach() * given).sum()), rel=1e-4)
+
+
+def test_the_back_of_a_sheet_goes_without(tmp_path: Path) -> None:
+    """What texels see from the front says nothing of it: the same samples give the same estimate."""
+    stage = Stage.of(plate(1.0), [camera_at((0.5, 0.5, -3.0))])
+    material = Material(torch.full((4, 4, 3), 0.8), torch.full((4, 4, 1), 0.5))
+    light = torch.rand(16, 32, 3, generator=torch.Generator().manual_seed(0))
+    plain, with_it = (
+        diffuse(stage, bounced(stage, tmp_path, controlled=controlled), material, light, 1) for controlled in (False, True)
+    )
+    assert torch.equal(plain, with_it)

@@ -128,6 +128,7 @@ def test_what_is_drawn_without_chance_scores_as_ever() -> None:
     found = Scorer(scene, HALVES, torch.device("cpu")).full(ball)
     plain = Scorer(scene, SMALL, torch.device("cpu")).full(Ball(albedo=ball.albedo))
     assert found.metrics == plain.metrics
+    assert [quality.seed for quality in ball.asked[0]] == [0, 0, 0, 1, 1]  # the other half of one novel light says it for all
 
 
 def test_the_protocols_keep_apart() -> None:
