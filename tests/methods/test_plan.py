@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import torch
 from shapes import bowl, camera_at, disk, plate, sphere, together
-from small_fit import plan_of, scene_of
+from small_fit import RENDER, plan_of, scene_of
 
 from ia_bench.common.errors import InputError
+from ia_bench.methods.contract import Problem
 from ia_bench.methods.plan import (
     LIGHT_HEIGHTS,
     TEXTURE_SIZES,
@@ -198,3 +199,12 @@ def test_a_prior_is_asked_about_as_many_views_as_show_the_surface() -> None:
 def test_what_the_machine_cannot_hold_is_told_before_it_is_allocated(name: str, value: int) -> None:
     with pytest.raises(InputError, match=rf"render\.(samples|{name})=.*: expected to fit into the .* GB of memory that are free"):
         plan_of(plate(FILLING), FROM_ABOVE, **{name: value})
+
+
+@pytest.mark.parametrize(("bounces", "told"), [(0, True), (1, False)])
+def test_a_control_variate_that_cannot_be_is_told(tiny: Scene, bounces: int, told: bool) -> None:
+    notes: list[str] = []
+    problem = Problem(tiny.blind(), replace(RENDER, bounces=bounces, control_variate=True), note=notes.append)
+    interreflection = problem.renderer.interreflection
+    assert (interreflection is None or interreflection.control is None) is told
+    assert any(note.startswith("render.control_variate=true: left out") for note in notes) is told
