@@ -119,8 +119,8 @@ def _tone_mapped(target: Tensor) -> tuple[Tensor, Tensor]:
 def _encoded(estimate: Tensor, slope: Tensor) -> Tensor:
     """The tone map of an estimate (P, 3) of a target, below black along the ``slope`` at that target.
 
-    A control variate makes some estimates negative. The tone map is steepest at black, 13 times as steep as at white: continued
-    with that slope, the few below would outweigh the many above.
+    A control variate makes some estimates negative. The tone map is steepest at black, where its slope is 12.9 (.6 at a radiance of
+    .4): continued with that slope, the few below would outweigh the many above.
     """
     return torch.where(estimate < 0, slope * estimate, tone_map(estimate.clamp_min(0)))
 
