@@ -96,8 +96,6 @@ class Problem:
         """The renderer of the plan."""
         with self.costs.exclude("bake"):
             settings = self.render
-            if settings.control_variate and (not self.plan.bounces or self.scene.turning is not None):
-                self.note("render.control_variate=true: left out, for it needs indirect light under a light that stands still")
             return self.stage.renderer(
                 shadows=self.plan.shadows, bounces=self.plan.bounces, coat=settings.coat, control_variate=settings.control_variate
             )

@@ -41,7 +41,8 @@ class RenderSettings:
             "added", both get all of it, as in the paper's equation 2.
         metallic: Whether a metallic texture is recovered too; "auto" where the scene's description says that parts are metal, or,
             if it says nothing, where two short fits find that photographs ask for it (:mod:`ia_bench.methods.two_stage.metal`).
-        control_variate: Where there is indirect light at all, take the noise of diffuse light away that its bake can tell
+        control_variate: Take the noise of diffuse light away that the bake of indirect light can tell, where there is one and the
+            light stands still
             (:mod:`ia_bench.render.control`).
     """
 
@@ -53,7 +54,7 @@ class RenderSettings:
     bounces: Annotated[int, Field(ge=0, le=64)] | Literal["auto"] = "auto"
     coat: Literal["layered", "added"] = "layered"
     metallic: bool | Literal["auto"] = "auto"
-    control_variate: bool = False
+    control_variate: bool = True
 
     def memory(self) -> dict[str, int]:
         """Bytes that a fit takes, by the key that decides them."""

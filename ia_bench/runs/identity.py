@@ -49,8 +49,8 @@ def identity(config: RunConfig) -> dict[str, Any]:
         del content["capture"]["light"], content["capture"]["turntable_axis"]  # runs before there was a choice stay the same
     if config.capture.white_balance == "fixed":
         del content["capture"]["white_balance"]  # likewise
-    if not config.render.control_variate:
-        del content["render"]["control_variate"]  # likewise
+    if not config.render.control_variate or config.render.bounces == 0 or config.capture.light == "turntable":
+        del content["render"]["control_variate"]  # likewise, for without indirect light, or where the light turns, there is none
     if config.reader.target != NATIVE_READER and config.render.metallic == "auto":
         content["render"]["metallic"] = "by evidence"  # which has changed where scenes do not say it: native ones all do
     for plugin, options in _plugins(config):

@@ -201,10 +201,7 @@ def test_what_the_machine_cannot_hold_is_told_before_it_is_allocated(name: str, 
         plan_of(plate(FILLING), FROM_ABOVE, **{name: value})
 
 
-@pytest.mark.parametrize(("bounces", "told"), [(0, True), (1, False)])
-def test_a_control_variate_that_cannot_be_is_told(tiny: Scene, bounces: int, told: bool) -> None:
-    notes: list[str] = []
-    problem = Problem(tiny.blind(), replace(RENDER, bounces=bounces, control_variate=True), note=notes.append)
-    interreflection = problem.renderer.interreflection
-    assert (interreflection is None or interreflection.control is None) is told
-    assert any(note.startswith("render.control_variate=true: left out") for note in notes) is told
+@pytest.mark.parametrize(("bounces", "controlled"), [(0, False), (1, True)])
+def test_there_is_a_control_variate_where_there_is_indirect_light(tiny: Scene, bounces: int, controlled: bool) -> None:
+    interreflection = Problem(tiny.blind(), replace(RENDER, bounces=bounces)).renderer.interreflection
+    assert (interreflection is not None and interreflection.control is not None) is controlled

@@ -103,7 +103,7 @@ class FitSettings:
     multigrid_rates: MultigridRates = field(default_factory=MultigridRates)
     guided: bool = True
     image_loss: Literal["dual_buffer", "l1"] = "dual_buffer"
-    residual_cut: Positive = 0.1
+    residual_cut: Positive = 0.05
     albedo_start: UnitInterval = 0.1
     roughness_start: UnitInterval = 0.3
     scale_ambiguity_start: UnitInterval = 0.3
