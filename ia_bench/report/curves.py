@@ -5,7 +5,6 @@ matplotlib is imported when a figure is drawn.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,9 +23,11 @@ if TYPE_CHECKING:
 
 DASHES = ("-", (0, (5, 1.5)), (0, (5, 1, 1, 1)))  # in turn, so that rows of like colours differ; with ten colours, 30 rows
 CAPTURES = 4  # that a picture shows at most
-PLACES = (((6, -9), "left"), ((6, 4), "left"), ((-6, 4), "right"), ((-6, -9), "right"))
-"""Where a point's name may stand: beside other names the next place is taken."""
-NEAR = (0.3, 0.04)  # shares of what costs (their logarithms) and scores span within which names would meet
+PLACES = tuple(
+    ((side * 7, up), "left" if side > 0 else "right") for up in (0, 9, -9, 18, -18, 27, -27, 36, -36) for side in (1, -1)
+)
+"""Where a point's name may stand: offsets in points, the first ones first."""
+POINT = 5  # pixels around a point that no name should hide
 
 
 @dataclass(frozen=True)
@@ -165,10 +166,44 @@ def draw_pareto(found: list[dict[str, Any]]) -> Figure | None:
 
     shown = found[:CAPTURES]
     figure = Figure(figsize=(6.2 * len(keys), 4.2 * len(shown)), layout="constrained")
-    for line, one in zip(figure.subplots(len(shown), len(keys), squeeze=False), shown, strict=True):
+    panels = figure.subplots(len(shown), len(keys), squeeze=False)
+    for line, one in zip(panels, shown, strict=True):
         for panel, metric in zip(line, keys, strict=True):
             _draw_front(panel, metric, one)
+    figure.draw_without_rendering()  # after which panels stay where they are
+    for line, one in zip(panels, shown, strict=True):
+        for panel, metric in zip(line, keys, strict=True):
+            rows = [row for row in one["rows"] if metric.key in row["scores"]]
+            _name_points(panel, {plain(row["name"]): (row["cost"], row["scores"][metric.key]) for row in rows})
     return figure
+
+
+def _name_points(panel: Axes, points: dict[str, tuple[float, float]]) -> None:
+    """Write the name of every point beside it: at the first of PLACES that is free, or where it hides least."""
+    from matplotlib.patheffects import withStroke
+    from matplotlib.transforms import Bbox
+
+    pixels = panel.transData.transform(list(points.values()))
+    taken = [Bbox.from_extents(*(at - POINT), *(at + POINT)) for at in pixels]
+    if (legend := panel.get_legend()) is not None:
+        taken.append(legend.get_window_extent())
+    inside = panel.get_window_extent()
+    for name, at in sorted(points.items(), key=lambda item: -item[1][1]):
+        text = panel.annotate(name, at, xytext=(0, 0), textcoords="offset points", fontsize=7.5, color="0.25", in_layout=False)
+        text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])  # over the lines
+        hidden = []
+        for offset, side in PLACES:
+            text.set(position=offset, ha=side, va="center")
+            box = text.get_window_extent()
+            parts = [part for other in taken if (part := Bbox.intersection(box, other)) is not None]
+            within = Bbox.intersection(box, inside)
+            outside = box.width * box.height - (0 if within is None else within.width * within.height)
+            hidden.append((sum(part.width * part.height for part in parts) + outside, offset, side))
+            if not hidden[-1][0]:
+                break
+        _, offset, side = min(hidden)
+        text.set(position=offset, ha=side)
+        taken.append(text.get_window_extent().padded(1))
 
 
 def _draw_front(panel: Axes, metric: Metric, one: dict[str, Any]) -> None:
@@ -185,15 +220,10 @@ def _draw_front(panel: Axes, metric: Metric, one: dict[str, Any]) -> None:
     for (label, some), look in zip(lines.items(), looks, strict=True):
         scores = [row["scores"][metric.key] for row in some]
         panel.plot([row["cost"] for row in some], scores, label=label, linewidth=1.2, **look)
-    ends = np.array([(math.log(row["cost"]), row["scores"][metric.key]) for row in rows])
-    near = NEAR * np.maximum(np.ptp(ends, axis=0), 1e-9)
-    for place, row in enumerate(rows):
-        at, fill = (row["cost"], row["scores"][metric.key]), "full" if row in front else "none"
+    for row in rows:
+        fill = "full" if row in front else "none"
         look = {"color": "C1" if row["curve"] else "C0", "fillstyle": fill, "markersize": 6, "zorder": 3}
-        panel.plot(*at, "o", **look)
-        others = (np.abs(ends[:place] - ends[place]) <= near).all(axis=1).sum()
-        offset, side = PLACES[others % len(PLACES)]
-        panel.annotate(plain(row["name"]), at, xytext=offset, ha=side, textcoords="offset points", fontsize=7.5, color="0.25")
+        panel.plot(row["cost"], row["scores"][metric.key], "o", **look)
     panel.set(xscale="log", xlabel=f"seconds of a fit, times those of {plain(one['reference'])}", ylabel="dB")
     named = [f"{metric.group} {metric.label}", *([plain(one["capture"])] if one["capture"] else [])]
     panel.set_title(", ".join(named), fontsize=10)

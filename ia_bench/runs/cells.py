@@ -27,7 +27,7 @@ from ia_bench.common.ranges import Name
 from ia_bench.common.registry import BrokenPlugin
 from ia_bench.common.settings import parsed_file
 from ia_bench.runs.composition import compose, written
-from ia_bench.runs.config import RunConfig, slug
+from ia_bench.runs.config import RunConfig, SceneConfig, slug
 from ia_bench.runs.folder import find_run_folders, held_since, recorded_at
 from ia_bench.runs.identity import hash_of, identity
 from ia_bench.runs.launchers import Local
@@ -115,12 +115,26 @@ def make_cells(
         own = (*scene.overrides, f"seed={seed}", f"threads={threads}", f"row={written(row.name)}")
         return [*row.overrides, *own, *request.overrides]
 
+    by_name: dict[str, SceneConfig] = {}  # scenes that a name alone gives
+
+    def composed(row: Row) -> list[RunConfig]:
+        """Its configurations with all scenes: composing takes long, and with scenes by name nothing but the scene differs."""
+        first: RunConfig | None = None
+        found = []
+        for scene in scenes:
+            if first is not None and scene.name in by_name:
+                found.append(replace(first, scene=by_name[scene.name]))
+                continue
+            found.append(compose(overrides_of(row, scene, 0), here=request.launcher.here))
+            if scene == SceneEntry(scene.name):
+                first, by_name[scene.name] = found[-1], found[-1].scene
+        return found
+
     cells = []
     for row in table.crossed_rows:
-        try:  # composing takes long, and nothing of a configuration depends on its seed
-            composed = [compose(overrides_of(row, scene, 0), here=request.launcher.here) for scene in scenes]
-            for seed, (scene, any_seed) in product(seeds, zip(scenes, composed, strict=True)):
-                config = replace(any_seed, seed=seed)
+        try:
+            for seed, (scene, any_seed) in product(seeds, zip(scenes, composed(row), strict=True)):
+                config = replace(any_seed, seed=seed)  # on which nothing else of it depends
                 content = identity(config)
                 name = f"{slug(row.name)}-seed{seed}-{hash_of(content)[:8]}"
                 folder = str(results / "runs" / slug(config.scene.name) / name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -189,6 +190,10 @@ def test_the_picture_has_rows_from_the_cheapest_to_the_dearest() -> None:
     dashed = next(line for line in figure.axes[0].lines if line.get_label() == "none with more work")
     assert list(dashed.get_xdata()) == [1.0, 2.0, 4.0]
     assert draw_pareto([]) is None
+    for panel in figure.axes:
+        boxes = [text.get_window_extent() for text in panel.texts]
+        assert len(boxes) == len(SPENT)
+        assert not any(one.overlaps(other) for one, other in combinations(boxes, 2)), "names that hide each other"
 
 
 def test_what_is_decided_at_equal_seconds_is_so_among_all_rows_that_are_no_part_of_the_curve() -> None:
