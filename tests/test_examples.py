@@ -91,6 +91,7 @@ def test_a_baseline_is_copied_and_renamed_as_the_page_says(installed: Path, tmp_
     assert (metrics["row"], metrics["status"]) == ("my_method", "ok")
 
 
+@pytest.mark.slow
 def test_example_of_a_method_runs(installed: Path, tmp_path: Path) -> None:
     settings = ["method.options.mean=0.4", "preset=smoke", "scene=tiny", "device=cpu", "threads=1", "out=result"]
     done = call(installed, "ia_bench", "method=photograph_as_albedo", *settings, folder=tmp_path)

@@ -110,6 +110,9 @@ def make_cells(
     Raises InputError where there is no cell, or one twice, and for such a row where nobody is told.
     """
     seeds, scenes = table.seeds if request.seeds is None else request.seeds, table.entries(request.scenes)
+    for what, asked in (("seeds", seeds), ("scenes", [scene.name for scene in scenes])):
+        if twice := [one for one, count in Counter(asked).items() if count > 1]:
+            raise InputError(f"{what}: expected each once, found {twice[0]} more than once")
 
     def overrides_of(row: Row, scene: SceneEntry, seed: int) -> list[str]:
         own = (*scene.overrides, f"seed={seed}", f"threads={threads}", f"row={written(row.name)}")
@@ -146,9 +149,6 @@ def make_cells(
             broken(f"{row.name}: left out: {error}")
     if not cells:
         raise InputError(f"table {request.name}: expected at least one row and one scene, found none")
-    twice = [name for name, count in Counter(cell.name for cell in cells).items() if count > 1]
-    if twice:
-        raise InputError(f"expected every row, scene and seed once, found {twice[0]} more than once")
     return cells
 
 

@@ -27,6 +27,7 @@ from ia_bench.scores.protocol import Protocol
 
 OPTIONS = ("fit.", "method.options.", "prior.options.", "coupling.options.", "reader.options.")
 """What begins the names of settings that belong to a plugin."""
+_stored: dict[tuple[str | None, str], dict[str, Any]] = {}
 
 
 def register(overrides: Sequence[str]) -> None:
@@ -35,12 +36,11 @@ def register(overrides: Sequence[str]) -> None:
     Plugins are the installed ones and those that ``overrides`` spell out (``prior=module:Class``). Types and ranges are checked
     once all is composed (:func:`ia_bench.runs.config.resolved`).
     """
-    store = ConfigStore.instance()
     defaults: dict[str, Any] = {f.name: f.default for f in fields(RunConfig) if f.default is not MISSING and f.name != "command"}
     defaults |= {"capture": asdict(CaptureSettings()), "protocol": asdict(Protocol()), "render": asdict(RenderSettings())}
     defaults |= {kind: {"options": {}} for kind in ("reader", "coupling", "method")}
     defaults |= {"scene": {"path": None}, "preset": None, "prior": {"options": {}, "views": "auto", "cache": True}}
-    store.store(name="schema", node=OmegaConf.create(defaults))
+    _store(None, "schema", defaults)
     for kind in registry.KINDS:
         if kind == "regulariser":
             continue  # no group: fit.regularise has a list of their names
@@ -54,7 +54,14 @@ def register(overrides: Sequence[str]) -> None:
                     f"{kind}={path.stem}:{attribute or 'Class'}"
                 )
         for plugin in [*registry.installed(kind).values(), *(registry.find(kind, value) for value in named if ":" in value)]:
-            store.store(group=kind, name=plugin.name, node=OmegaConf.create({"name": plugin.name, "target": plugin.target}))
+            _store(kind, plugin.name, {"name": plugin.name, "target": plugin.target})
+
+
+def _store(group: str | None, name: str, content: dict[str, Any]) -> None:
+    """Tell Hydra a configuration, unless it is the one that was told last: that takes longer than a comparison."""
+    if _stored.get((group, name)) != content:
+        ConfigStore.instance().store(group=group, name=name, node=OmegaConf.create(content))
+        _stored[group, name] = content
 
 
 def written(value: Any) -> str:  # noqa: ANN401 (of a setting)

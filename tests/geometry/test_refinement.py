@@ -99,6 +99,7 @@ def test_a_bowl_is_hollow(views: list[View]) -> None:
     assert errors(found)[1] < 0.55 * errors(hull)[1]
 
 
+@pytest.mark.slow
 def test_given_normals_are_followed(views: list[View]) -> None:
     """Those of the bowl itself: measured 6.9 degrees for 9.0 in the same steps."""
     normals = [bowls.camera_normals(view) for view in views]

@@ -165,7 +165,7 @@ def albedo_of(problem: Problem) -> Tensor:
     return fit(problem, NoPrior(), LONGER, Record()).material.albedo
 
 
-@pytest.mark.parametrize("factor", [1e-4, 1e5])
+@pytest.mark.parametrize("factor", [pytest.param(1e-4, marks=pytest.mark.slow), 1e5])
 def test_photographs_of_another_unit_give_the_same_albedo(problem: Problem, factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """As photographs of the mean that others are brought to; compared as they are, dim ones give another albedo."""
     mean = float(exposed(problem, factor).photographs.radiance[problem.photographs.mask[:, 0] > 0.5].mean())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -113,17 +114,19 @@ def test_a_broken_curve_is_named_and_does_not_fail_the_run(write_run: Write, tex
 # ---- a report's runs.csv read back ------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def first(write_run: Write, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def first(write_run_below: Write, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two rows, two scenes, two seeds, of which one run failed and one has no view synthesis."""
+    root = tmp_path_factory.mktemp("published")
+    write_run = partial(write_run_below, root)
     for scene, psnr in (("hat", 20.0), ("ship", 24.5)):
         for seed in (0, 1):
             write_run("none", scene, seed, psnr=psnr - seed / 3)
             write_run("ours", scene, seed, psnr=psnr + 1, variants={"aligned_albedo_linear": {"psnr": 17.25}})
     write_run("ours", "hat", 2, status="failed", error="loss is not finite at step 3")
     write_run("none", "ship", 2, psnr=None)
-    write_report(find_run_folders(tmp_path / "runs"), tmp_path / "first", TABLE)
-    return tmp_path / "first" / "runs.csv"
+    write_report(find_run_folders(root / "runs"), root / "first", TABLE)
+    return root / "first" / "runs.csv"
 
 
 def test_tables_of_a_runs_csv_are_those_of_its_runs(first: Path, tmp_path: Path) -> None:
@@ -140,7 +143,7 @@ def test_new_rows_stand_beside_published_ones_unless_a_cell_is_there_twice(first
     assert set(report.findings.rows) == {"none", "ours", "mine"}
     assert len(report.findings.runs) == 11
     with pytest.raises(InputError, match=r"row none, scene hat, seed 0 is in .* and in .*runs\.csv.* another name with row=NAME"):
-        write_report([tmp_path / "runs" / "none-hat-0"], tmp_path / "out", published=read_published(first))
+        write_report([write_run("none", "hat")], tmp_path / "out", published=read_published(first))
 
 
 @pytest.mark.parametrize("path", sorted(RESULTS.rglob("runs.csv")), ids=lambda path: path.parent.name)
@@ -151,10 +154,10 @@ def test_every_list_of_runs_that_was_ever_published_is_read(path: Path) -> None:
         np.testing.assert_array_equal(runs[metric.column], lines[metric.column])
 
 
-def test_a_list_without_a_metric_or_with_another_column_is_read(first: Path) -> None:
+def test_a_list_without_a_metric_or_with_another_column_is_read(first: Path, tmp_path: Path) -> None:
     lines = pd.read_csv(first).drop(columns=["roughness_mse", "seconds", "protocol"]).assign(sharpness=3.5, remark="fine")
-    lines.to_csv(first, index=False)
-    runs = as_table(read_published(first))
+    lines.to_csv(tmp_path / "runs.csv", index=False)
+    runs = as_table(read_published(tmp_path / "runs.csv"))
     assert (runs["roughness_mse"].isna() & runs["seconds"].isna()).all()
     assert set(runs.loc[runs["problem"].isna(), "protocol"]) == {"unknown"}
     assert (runs["sharpness"] == 3.5).all()
@@ -174,12 +177,12 @@ def test_a_list_without_a_metric_or_with_another_column_is_read(first: Path) -> 
         (",20.0,", ",twenty,", "albedo_psnr: expected a number, found 'twenty'"),
     ],
 )
-def test_what_is_wrong_is_named(first: Path, old: str, new: str, message: str) -> None:
-    text = first.read_text()
+def test_what_is_wrong_is_named(first: Path, tmp_path: Path, old: str, new: str, message: str) -> None:
+    text, wrong = first.read_text(), tmp_path / "runs.csv"
     assert old in text
-    first.write_text(text.replace(old, new, 1))
+    wrong.write_text(text.replace(old, new, 1))
     with pytest.raises(InputError, match=message):
-        read_published(first)
+        read_published(wrong)
 
 
 def test_reasons_with_signs_of_their_own_and_shapes_come_back(write_run: Write, tmp_path: Path) -> None:
