@@ -3,7 +3,8 @@
     python -m benchmarks.control_variate hat ship console figurine
 
 For the true material and light of each scene: the variance over estimates of a step's pixels and of its gradients, with the
-control variate as a share of that without, and CPU time of both, in turns. Means are compared, too: by how many standard errors
+control variate as a share of that without, and CPU time of both, in turns. A fit draws two halves of these samples, a fifth of
+them evenly over the sphere; here they are one estimate, by the light alone. Means are compared, too: by how many standard errors
 those of the pixels differ, which is normal of unit variance or less where nothing is moved.
 """
 

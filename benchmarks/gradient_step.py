@@ -59,7 +59,7 @@ class OurStep:
         self, stage: Stage, gbuffer: GBuffer, *, bounces: int = 0, coat: str = "added", torch_compiled: bool = False
     ) -> None:
         self.gbuffer = gbuffer
-        renderer = stage.geometry.renderer(bounces=bounces, coat=coat)
+        renderer = stage.geometry.renderer(bounces=bounces, coat=coat, control_variate=bounces > 0 and not torch_compiled)
         self.renderer = TorchRenderer(renderer, compiled=True) if torch_compiled else renderer
         tensors = stage.material.albedo, stage.material.roughness, stage.light
         self.albedo, self.roughness, self.light = (tensor.clone().requires_grad_() for tensor in tensors)

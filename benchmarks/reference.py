@@ -272,6 +272,8 @@ class TorchRenderer(Renderer):
 
     def __init__(self, renderer: Renderer, *, compiled: bool = False) -> None:
         super().__init__(renderer.surface, renderer.visibility, interreflection=renderer.interreflection, coat=renderer.coat)
+        if self.interreflection is not None and self.interreflection.control is not None:
+            raise ValueError("expected a renderer without a control variate, which torch has no counterpart of here")
         self._sample, self._shade = sample_directions, shade_directions
         if compiled:
             self._sample, self._shade = (torch.compile(f, dynamic=False) for f in (sample_directions, shade_directions))

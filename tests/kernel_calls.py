@@ -3,38 +3,54 @@
 import torch
 import warp as wp
 
+from ia_bench.common.native import MATH
 from ia_bench.common.warp_launch import launch
-from ia_bench.common.warp_math import turned, unit
-from ia_bench.light import warp_latlong as light
+from ia_bench.common.warp_math import unit
 from ia_bench.light.latlong import LatLongSampler, sampling_grid
-from ia_bench.material import warp_brdf as brdf
+from ia_bench.light.warp_latlong import DIRECTIONS, SAMPLING, Tables, tables_of
+from ia_bench.light.warp_latlong import direction_to_texel as direction_to_texel_of
 from ia_bench.material.textures import fetch
+from ia_bench.material.warp_brdf import BRDF
 from ia_bench.render.estimator import DirectionSamples
 from ia_bench.render.gbuffer import SurfacePoints
 
 CPU = torch.device("cpu")
 
 
+@wp.func_native(MATH + DIRECTIONS + "return normal_bin(Vec(normal[0], normal[1], normal[2]));")
+def _bin(normal: wp.vec3) -> int: ...
+
+
 @wp.kernel(enable_backward=False)
 def _bins(first: int, normals: wp.array(dtype=wp.vec3), cells: wp.array(dtype=int)):
     n = first + wp.tid()
-    cells[n] = light.normal_bin(normals[n])
+    cells[n] = _bin(normals[n])
+
+
+@wp.func_native(MATH + SAMPLING + "return sample_texel(cell, u);")
+def _texel(tables: Tables, cell: int, u: wp.float64) -> int: ...
 
 
 @wp.kernel(enable_backward=False)
-def _texels(
-    first: int, tables: light.Tables, cells: wp.array(dtype=int), u: wp.array(dtype=wp.float64), texels: wp.array(dtype=int)
-):
+def _texels(first: int, tables: Tables, cells: wp.array(dtype=int), u: wp.array(dtype=wp.float64), texels: wp.array(dtype=int)):
     n = first + wp.tid()
-    texels[n] = light.sample_texel(tables, cells[n], u[n])
+    texels[n] = _texel(tables, cells[n], u[n])
+
+
+@wp.func_native(MATH + SAMPLING + "return density(cell, texel);")
+def _density(tables: Tables, cell: int, texel: int) -> float: ...
 
 
 @wp.kernel(enable_backward=False)
-def _densities(
-    first: int, tables: light.Tables, cells: wp.array(dtype=int), texels: wp.array(dtype=int), found: wp.array(dtype=float)
-):
+def _densities(first: int, tables: Tables, cells: wp.array(dtype=int), texels: wp.array(dtype=int), found: wp.array(dtype=float)):
     n = first + wp.tid()
-    found[n] = light.density(tables, cells[n], texels[n])
+    found[n] = _density(tables, cells[n], texels[n])
+
+
+@wp.func_native(
+    MATH + DIRECTIONS + "const Vec d = texel_to_direction(texel, u[0], u[1], heights.data, width); return wp::vec3(d.x, d.y, d.z);"
+)
+def _to_direction(texel: int, u: wp.vec2, heights: wp.array(dtype=wp.float32), width: int) -> wp.vec3: ...
 
 
 @wp.kernel(enable_backward=False)
@@ -43,13 +59,22 @@ def _to_directions(
     found: wp.array(dtype=wp.vec3),
 ):  # fmt: skip
     n = first + wp.tid()
-    found[n] = light.texel_to_direction(texels[n], u[n][0], u[n][1], heights, width)
+    found[n] = _to_direction(texels[n], u[n], heights, width)
 
 
 @wp.kernel(enable_backward=False)
 def _to_texels(first: int, directions: wp.array(dtype=wp.vec3), height: int, width: int, found: wp.array(dtype=int)):
     n = first + wp.tid()
-    found[n] = light.direction_to_texel(directions[n], height, width)
+    found[n] = direction_to_texel_of(directions[n], height, width)
+
+
+_POINT = """
+    const Seen point = seen_point(Vec(normal[0], normal[1], normal[2]), Vec(view[0], view[1], view[2]), roughness * roughness);
+"""
+
+
+@wp.func_native(MATH + BRDF + _POINT + "const Vec d = sample_visible_ggx(point, u[0], u[1]); return wp::vec3(d.x, d.y, d.z);")
+def _visible_one(normal: wp.vec3, view: wp.vec3, roughness: float, u: wp.vec2) -> wp.vec3: ...
 
 
 @wp.kernel(enable_backward=False)
@@ -58,8 +83,18 @@ def _visible(
     u: wp.array(dtype=wp.vec2), found: wp.array(dtype=wp.vec3),
 ):  # fmt: skip
     n = first + wp.tid()
-    point = brdf.seen_point(normals[n], views[n], roughness[n] * roughness[n])
-    found[n] = brdf.sample_visible_ggx(point, u[n][0], u[n][1])
+    found[n] = _visible_one(normals[n], views[n], roughness[n], u[n])
+
+
+_LOBE = """
+    const Vec direction(incident[0], incident[1], incident[2]);
+    const Lobe lobe = lobe_towards(point, direction, point.normal.dot(direction));
+    return wp::vec4(lobe.value, lobe.slope, lobe.grazing, lobe.pdf);
+"""
+
+
+@wp.func_native(MATH + BRDF + _POINT + _LOBE)
+def _lobe(normal: wp.vec3, view: wp.vec3, roughness: float, incident: wp.vec3) -> wp.vec4: ...
 
 
 @wp.kernel(enable_backward=False)
@@ -68,23 +103,34 @@ def _lobes(
     roughness: wp.array(dtype=float), found: wp.array(dtype=wp.vec4),
 ):  # fmt: skip
     n = first + wp.tid()
-    point = brdf.seen_point(normals[n], views[n], roughness[n] * roughness[n])
-    lobe = brdf.lobe_towards(point, incidents[n], wp.dot(normals[n], incidents[n]))
-    found[n] = wp.vec4(lobe.value, lobe.slope, lobe.grazing, lobe.pdf)
+    found[n] = _lobe(normals[n], views[n], roughness[n], incidents[n])
+
+
+_FRAME = """
+    const Vec axis = second ? point.bitangent : point.tangent;
+    return wp::vec3(axis.x, axis.y, axis.z);
+"""
+
+
+@wp.func_native(MATH + BRDF + _POINT + _FRAME)
+def _axis(normal: wp.vec3, view: wp.vec3, roughness: float, second: int) -> wp.vec3: ...
 
 
 @wp.kernel(enable_backward=False)
 def _frames(first: int, normals: wp.array(dtype=wp.vec3), found: wp.array2d(dtype=wp.vec3)):
     n = first + wp.tid()
-    point = brdf.seen_point(normals[n], normals[n], 0.5)
-    found[n, 0] = point.tangent
-    found[n, 1] = point.bitangent
+    found[n, 0] = _axis(normals[n], normals[n], 0.5, 0)
+    found[n, 1] = _axis(normals[n], normals[n], 0.5, 1)
+
+
+@wp.func_native(MATH + "const Vec around = turned(turns); return wp::vec2(around.x, around.y);")
+def _turned_by(turns: float) -> wp.vec2: ...
 
 
 @wp.kernel(enable_backward=False)
 def _turned(first: int, turns: wp.array(dtype=float), found: wp.array(dtype=wp.vec2)):
     n = first + wp.tid()
-    found[n] = turned(turns[n])
+    found[n] = _turned_by(turns[n])
 
 
 @wp.kernel(enable_backward=False)
@@ -114,14 +160,14 @@ def normal_bin(normal: torch.Tensor) -> torch.Tensor:
 def sample_texel(sampler: LatLongSampler, cell: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
     """Texels drawn by float64 ``u`` (...,) for cells that broadcast."""
     cells = _flat(cell, u.shape, dtype=torch.int32)
-    return _call(_texels, u.shape, 0, light.tables_of(sampler), cells, _flat(u, u.shape, dtype=torch.float64))
+    return _call(_texels, u.shape, 0, tables_of(sampler), cells, _flat(u, u.shape, dtype=torch.float64))
 
 
 def density(sampler: LatLongSampler, cell: torch.Tensor, texel: torch.Tensor) -> torch.Tensor:
     """Density per steradian of texels for cells; both broadcast."""
     shape = torch.broadcast_shapes(cell.shape, texel.shape)
     cells, texels = (_flat(values, shape, dtype=torch.int32) for values in (cell, texel))
-    return _call(_densities, shape, 1, light.tables_of(sampler), cells, texels)
+    return _call(_densities, shape, 1, tables_of(sampler), cells, texels)
 
 
 def texel_to_direction(texel: torch.Tensor, u: torch.Tensor, v: torch.Tensor, height: int, width: int) -> torch.Tensor:

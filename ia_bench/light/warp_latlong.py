@@ -1,17 +1,14 @@
-"""Drawing directions from :class:`ia_bench.light.latlong.LatLongSampler` as functions of Warp kernels."""
+"""Drawing directions from :class:`ia_bench.light.latlong.LatLongSampler`, as C++ for native code of kernels."""
 
 import torch
 import warp as wp
 
+from ia_bench.common.native import MATH, native
 from ia_bench.common.warp_launch import launch
-from ia_bench.common.warp_math import arc_cosine, arc_tangent, turned
 from ia_bench.light.latlong import BIN_SIDE, LatLongSampler
 
 GUIDE = wp.constant(256)
 _GUIDE = wp.constant(wp.float64(int(GUIDE)))  # for arithmetic in float64
-_PI = wp.constant(wp.float32(wp.pi))
-_SIDE = wp.constant(BIN_SIDE)
-_WITHIN = wp.constant(wp.float64(1 - 2**-40))
 
 
 @wp.struct
@@ -65,83 +62,67 @@ def _find_guide(first: int, entries: wp.array(dtype=wp.float64), count: int, gui
         guide[cell, step] = place
 
 
-@wp.func
-def normal_bin(normal: wp.vec3) -> int:
-    """The octahedral cell that a unit normal falls into; see :func:`ia_bench.light.latlong.bin_centres`."""
-    folded = normal / (wp.abs(normal[0]) + wp.abs(normal[1]) + wp.abs(normal[2]))
-    x = folded[0]
-    y = folded[1]
-    if folded[2] < 0.0:
-        x = (1.0 - wp.abs(folded[1])) * wp.where(folded[0] >= 0.0, 1.0, -1.0)
-        y = (1.0 - wp.abs(folded[0])) * wp.where(folded[1] >= 0.0, 1.0, -1.0)
-    column = wp.clamp(int((0.5 + 0.5 * x) * float(_SIDE)), 0, _SIDE - 1)
-    row = wp.clamp(int((0.5 + 0.5 * y) * float(_SIDE)), 0, _SIDE - 1)
-    return row * _SIDE + column
-
-
-@wp.func
-def first_above(sorted: wp.array(dtype=wp.float64), first: int, last: int, value: wp.float64) -> int:
-    """The first place in [first, last) whose entry is above ``value``, or ``last``.
-
-    A step moves or does not without a jump: processors guess every other such jump wrongly, which takes longer than the step.
+DIRECTIONS = native(
     """
-    low = int(first)
-    left = int(last - first)
-    while left > 0:
-        half = (left + 1) >> 1
-        low = wp.where(sorted[low + half - 1] > value, low, low + half)
-        left -= half
-    return low
+    const auto normal_bin = [within](Vec normal) {  // the octahedral cell of a unit normal, ia_bench.light.latlong.bin_centres
+        const Vec folded = normal * (1.0f / (::fabsf(normal.x) + ::fabsf(normal.y) + ::fabsf(normal.z)));
+        const float across = (1.0f - ::fabsf(folded.y)) * (folded.x >= 0.0f ? 1.0f : -1.0f);
+        const float down = (1.0f - ::fabsf(folded.x)) * (folded.y >= 0.0f ? 1.0f : -1.0f);
+        const float x = folded.z < 0.0f ? across : folded.x, y = folded.z < 0.0f ? down : folded.y;
+        return within((int)((0.5f + 0.5f * y) * $SIDE), $SIDE) * $SIDE + within((int)((0.5f + 0.5f * x) * $SIDE), $SIDE);
+    };
+    // The direction at u, v in [0, 1) of a texel, uniform in solid angle; heights as Tables have them.
+    const auto texel_to_direction = [turned, most](int texel, float u, float v, const float* heights, int width) {
+        const int row = (int)(((float)texel + 0.5f) / (float)width);  // which vectors have no division of whole numbers for
+        const float upper = heights[row], z = upper + (heights[row + 1] - upper) * u, radius = ::sqrtf(most(1.0f - z * z, 0.0f));
+        const Vec around = turned(0.5f - ((float)(texel - row * width) + v) / (float)width);
+        return Vec(radius * around.x, radius * around.y, z);
+    };
+    const auto direction_to_texel = [arc_cosine, arc_tangent, within, most, least, pi](Vec direction, int height, int width) {
+        const int row = (int)(arc_cosine(least(most(direction.z, -1.0f), 1.0f)) * ((float)height / pi));
+        const int column = (int)((pi - arc_tangent(direction.y, direction.x)) * ((float)width / (2.0f * pi)));
+        return within(row, height) * width + within(column, width);
+    };
+""",
+    SIDE=BIN_SIDE,
+)
+SAMPLING = native(
+    """
+    // The first place in [first, last) whose entry is above value, or last. A step moves or does not without a jump: processors
+    // guess every other such jump wrongly, which takes longer than the step.
+    const auto first_above = [](const double* sorted, int first, int last, double value) {
+        int low = first;
+        for (int left = last - first; left > 0;) {
+            const int half = (left + 1) >> 1;
+            low = sorted[low + half - 1] > value ? low : low + half;
+            left -= half;
+        }
+        return low;
+    };
+    const auto sample_texel = [&tables, first_above, within](int cell, double u) {  // of the normals of a cell, u uniform in [0, 1)
+        const int count = 2 * tables.blocks, begin = cell * count;
+        const int* guide = tables.guide.data + cell * ($GUIDE + 1) + within((int)(u * $GUIDE), $GUIDE);
+        const double target = (double)cell + u, below = 1.0 - 1.0 / 1099511627776.0;
+        const int last = guide[1] < begin + count ? guide[1] : begin + count;
+        const int entry = within(first_above(tables.entries.data, guide[0], last, target) - 1 - begin, count);
+        const double *entries = tables.entries.data + begin + entry, *edges = tables.edges.data + entry;
+        double rest = (target - entries[0]) / (entries[1] - entries[0]);  // uniform again, inside the entry
+        rest = rest < 0.0 ? 0.0 : rest < below ? rest : below;
+        const bool second = entry >= tables.blocks;
+        const int block = second ? entry - tables.blocks : entry, half = second ? (int)tables.order.shape[0] : 0;
+        const int first = half + (block > 0 ? tables.end.data[block - 1] : 0), end = half + tables.end.data[block] - 1;
+        return tables.order.data[first_above(tables.texels.data, first, end, edges[0] + rest * (edges[1] - edges[0])) - half];
+    };
+    const auto density = [&tables](int cell, int texel) {  // per steradian, with which a texel is drawn for the normals of a cell
+        const float bound = tables.bound.data[cell * tables.blocks + tables.block.data[texel]];
+        return bound * (tables.brightness.data[texel] * tables.share.data[cell] + tables.evenly.data[cell]);
+    };
+""",
+    GUIDE=int(GUIDE),
+)
 
 
-@wp.func
-def sample_texel(tables: Tables, cell: int, u: wp.float64) -> int:
-    """A texel drawn for the normals of ``cell`` by ``u``, uniform in [0, 1)."""
-    count = 2 * tables.blocks
-    target = wp.float64(cell) + u
-    begin = cell * count
-    step = wp.min(int(u * _GUIDE), GUIDE - 1)
-    found = first_above(tables.entries, tables.guide[cell, step], wp.min(tables.guide[cell, step + 1], begin + count), target)
-    entry = wp.clamp(found - 1 - begin, 0, count - 1)
-    place = begin + entry
-    lower = tables.entries[place]
-    upper = tables.entries[place + 1]
-    rest = wp.clamp((target - lower) / (upper - lower), wp.float64(0.0), _WITHIN)  # uniform again, inside the entry
-    lower = tables.edges[entry]
-    within = lower + rest * (tables.edges[entry + 1] - lower)
-    block = entry
-    half = int(0)
-    if entry >= tables.blocks:
-        block = entry - tables.blocks
-        half = tables.order.shape[0]
-    begin = int(0)
-    if block > 0:
-        begin = tables.end[block - 1]
-    return tables.order[first_above(tables.texels, half + begin, half + tables.end[block] - 1, within) - half]
-
-
-@wp.func
-def density(tables: Tables, cell: int, texel: int) -> float:
-    """Density per steradian with which ``texel`` is drawn for the normals of ``cell``."""
-    bound = tables.bound[cell * tables.blocks + tables.block[texel]]
-    return bound * (tables.brightness[texel] * tables.share[cell] + tables.evenly[cell])
-
-
-@wp.func
-def texel_to_direction(texel: int, u: float, v: float, heights: wp.array(dtype=wp.float32), width: int) -> wp.vec3:
-    """The direction at ``u``, ``v`` in [0, 1) of a texel, uniform in solid angle; ``heights`` as :class:`Tables` has them."""
-    row = texel // width
-    column = texel - row * width
-    upper = heights[row]
-    z = upper + (heights[row + 1] - upper) * u
-    radius = wp.sqrt(wp.max(1.0 - z * z, 0.0))
-    around = turned(0.5 - (float(column) + v) / float(width))
-    return wp.vec3(radius * around[0], radius * around[1], z)
-
-
-@wp.func
+@wp.func_native(MATH + DIRECTIONS + "return direction_to_texel(Vec(direction[0], direction[1], direction[2]), height, width);")
 def direction_to_texel(direction: wp.vec3, height: int, width: int) -> int:
     """The texel that a unit direction falls into."""
-    row = int(arc_cosine(wp.clamp(direction[2], -1.0, 1.0)) * (float(height) / _PI))
-    column = int((_PI - arc_tangent(direction[1], direction[0])) * (float(width) / (2.0 * _PI)))
-    return wp.clamp(row, 0, height - 1) * width + wp.clamp(column, 0, width - 1)
+    ...

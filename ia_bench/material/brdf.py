@@ -21,6 +21,7 @@ F0 = 0.04  # reflectance at normal incidence of a dielectric with IOR 1.5
 MIN_ROUGHNESS = 0.03  # alpha = 9e-4: the narrowest lobe that float32 resolves without loss
 MIRROR = 1e-30  # alpha = 0 at the mirror direction itself is 0 / this, not 0 / 0
 GOLDEN = 0.6180339887498949  # fraction of the golden ratio: its multiples fill [0, 1] evenly
+PLASTIC = 0.7548776662466927  # likewise beside them, from the plastic number (Roberts' R2 sequence)
 MIN_COSINE = 1e-4  # grazing cosines are held here, where a lobe has no area any more
 
 

@@ -9,13 +9,15 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from ia_bench.common.native import LANES
 from ia_bench.common.warp_launch import launch
 from ia_bench.light.latlong import LatLongSampler
 from ia_bench.light.warp_latlong import tables_of
-from ia_bench.material.brdf import GOLDEN, coat_reflectance
+from ia_bench.material.brdf import GOLDEN, PLASTIC, coat_reflectance
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import SurfacePoints
-from ia_bench.render.kernels import PLASTIC, draw, shade, shade_adjoint
+from ia_bench.render.kernels import shade, shade_adjoint
+from ia_bench.render.warp_draw import draw
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,8 @@ class DirectionSamples:
     """Directions of N points, ``count`` by the light and then ``count`` by the BRDF."""
 
     direction: Tensor  # (N, 2 count, 3), unit
-    texel: Tensor  # (N, 2 count) int32, of the light; -1 where a sample adds nothing, below that see :mod:`ia_bench.render.control`
-    terms: Tensor  # (N, 2 count, 4), what the sample is worth; see :func:`ia_bench.render.kernels.draw`
+    texel: Tensor  # (N, 2 count) int32, of the light; -1 where a sample adds nothing, below: warp_control.subtract
+    terms: Tensor  # (N, 2 count, 4), what the sample is worth; see :func:`ia_bench.render.warp_draw.draw`
     boost: Tensor  # (N, count), by how much more the directions by the BRDF would weigh if there were no others
 
 
@@ -74,13 +76,14 @@ def draw_samples(
         parts: How many passes there are.
     """
     n, device = len(surface.position), surface.position.device
+    lanes = LANES if device.type == "cpu" else 1
     direction = torch.empty(n, 2 * count, 3, device=device)
     texel = torch.empty(n, 2 * count, dtype=torch.int32, device=device)
     terms, boost = torch.empty(n, 2 * count, 4, device=device), torch.empty(n, count, device=device)
     launch(
-        draw, n, hit.view(torch.uint8), surface.normal, surface.view, surface.uv,
+        draw, -(-n // lanes), lanes, hit.view(torch.uint8), surface.normal, surface.view, surface.uv,
         _flat(roughness, 1), len(roughness), rotation, tables_of(sampler), points, count, part, parts,
-        direction, texel, terms, boost, device=device,
+        torch.empty(n, device=device), direction, texel, terms, boost, device=device,
     )  # fmt: skip
     return DirectionSamples(direction, texel, terms, boost)
 

@@ -103,7 +103,7 @@ def mesh_key(kind: str, mesh: Mesh, *sizes: int, device: torch.device) -> str:
 
 
 class IndirectLight(NamedTuple):
-    """What the object throws onto itself, at the N texels of its atlas."""
+    """What the object throws onto itself, at the N texels of its atlas, and the light that this was found from."""
 
     arriving: Tensor  # (N, 3), the irradiance from the object itself
     leaving: Tensor  # (N, 3), the radiance that the texels send out

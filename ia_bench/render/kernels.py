@@ -1,10 +1,7 @@
 """The Monte-Carlo estimator of the paper's equation 3 as Warp kernels: light and BRDF samples joined by the balance heuristic.
 
-Half of the samples of a point follow the light, half the visible GGX normals. Each half comes from one lattice per pixel, which a
-Cranley-Patterson rotation moves: its first coordinate is stratified over all the samples of the pixel, and each sample alone is
-uniform, so every point of the pixel has an unbiased estimate whatever its share of the samples. Directions, densities and
-visibility carry no gradient: gradients flow through the radiance of the light, the albedo, and the BRDF's value only ("detached"
-sampling).
+Samples are drawn by :mod:`ia_bench.render.warp_draw`. Directions, densities and visibility carry no gradient: gradients flow
+through the radiance of the light, the albedo, and the BRDF's value only ("detached" sampling).
 
 :func:`shade_adjoint` is written by hand: what Warp 1.19 derives of :func:`shade` takes several times as long and loses a part of
 the gradient of the albedo. Tests compare it with torch's.
@@ -13,14 +10,11 @@ the gradient of the albedo. Tests compare it with torch's.
 import warp as wp
 
 from ia_bench.common.warp_math import unit
-from ia_bench.light.warp_latlong import Tables, density, direction_to_texel, normal_bin, sample_texel, texel_to_direction
-from ia_bench.material.brdf import F0, GOLDEN, MIN_COSINE
-from ia_bench.material.warp_brdf import lobe_towards, sample_visible_ggx, seen_point
+from ia_bench.material.brdf import F0, MIN_COSINE
 from ia_bench.material.warp_textures import Taps, add_colour, add_scalar, bilinear_taps, fetch_colour, fetch_scalar
 
 wp.set_module_options({"enable_backward": False, "fast_math": False})
 
-PLASTIC = 0.7548776662466927  # the third generator, from the plastic number (Roberts' R2 sequence); the second is GOLDEN
 _MIN_COSINE = wp.constant(wp.float32(MIN_COSINE))
 
 
@@ -105,73 +99,8 @@ def land(
     texels[n] = texel
 
 
-_GOLDEN = wp.constant(wp.float64(GOLDEN))
-_PLASTIC = wp.constant(wp.float64(PLASTIC))
-_BELOW_ONE = wp.constant(wp.float64(1 - 2**-24))
 _PI = wp.constant(wp.float32(wp.pi))
 _DIELECTRIC = wp.constant(wp.vec3(F0, F0, F0))
-
-
-@wp.func
-def fraction(x: wp.float64) -> wp.float64:
-    """What is left of ``x`` beyond whole numbers, below 1 even as float32."""
-    return wp.min(x - wp.floor(x), _BELOW_ONE)
-
-
-@wp.kernel
-def draw(
-    first: int, hit: wp.array(dtype=wp.uint8), normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3),
-    uvs: wp.array(dtype=wp.vec2), roughness: wp.array(dtype=float), roughness_side: int, rotations: wp.array2d(dtype=wp.vec3d),
-    tables: Tables, points: int, count: int, part: int, parts: int, directions: wp.array2d(dtype=wp.vec3),
-    texels: wp.array2d(dtype=int), terms: wp.array2d(dtype=wp.vec4), boosts: wp.array2d(dtype=float),
-):  # fmt: skip
-    """Draw ``count`` directions by each technique for a point of a pixel of ``points``.
-
-    ``texels`` says where a direction ends in the light, -1 below the horizon and where the camera sees nothing. ``terms`` holds
-    the cosine, the lobe's value and its slope in alpha, each times the balance heuristic's weight
-    1 / (n_light p_light + n_brdf p_brdf), and the lobe's grazing part. ``boosts`` is the weight that a direction by the BRDF would
-    have if there were no others, over that. A lattice may be dealt out to several ``parts``: this one takes every such entry of
-    each point.
-    """
-    n = first + wp.tid()
-    if hit[n] == wp.uint8(0):
-        for k in range(2 * count):
-            texels[n, k] = -1
-        return
-    pixel = n // points
-    start = n - pixel * points + points * part
-    rough = fetch_scalar(roughness, bilinear_taps(uvs[n], roughness_side, roughness_side))
-    point = seen_point(normals[n], views[n], rough * rough)
-    cell = normal_bin(point.normal)
-    spacing = wp.float64(1.0) / wp.float64(parts * points * count)
-    for k in range(2 * count):
-        technique = wp.where(k < count, 0, 1)
-        index = wp.float64(start + points * parts * (k - technique * count))
-        rotation = rotations[technique, pixel]
-        u = fraction(rotation[0] + index * spacing)
-        v = float(fraction(rotation[1] + index * _GOLDEN))
-        direction = wp.vec3(0.0, 0.0, 0.0)
-        texel = int(0)
-        if technique == 0:
-            texel = sample_texel(tables, cell, u)
-            w = float(fraction(rotation[2] + index * _PLASTIC))
-            direction = texel_to_direction(texel, v, w, tables.heights, tables.width)
-        else:
-            direction = sample_visible_ggx(point, float(u), v)
-        cosine = wp.dot(point.normal, direction)
-        if cosine > 0.0:
-            if technique == 1:
-                texel = direction_to_texel(direction, tables.height, tables.width)
-            lobe = lobe_towards(point, direction, cosine)
-            pdf = density(tables, cell, texel) + lobe.pdf
-            weight = 1.0 / (float(count) * wp.max(pdf, 1.0e-12))
-            terms[n, k] = wp.vec4(cosine * weight, lobe.value * weight, lobe.slope * weight, lobe.grazing)
-            if technique == 1:
-                boosts[n, k - count] = wp.max(pdf, 1.0e-12) / wp.max(lobe.pdf, 1.0e-12)
-        else:
-            texel = -1
-        directions[n, k] = direction
-        texels[n, k] = texel
 
 
 @wp.func

@@ -89,6 +89,7 @@ class RayCaster(ABC):
 
 
 _PACKETS = """
+#if !defined(__CUDA_ARCH__)
     const int W = 16;
     const int BLOCK = %BLOCK%;
     struct alignas(64) Packet {
@@ -139,9 +140,11 @@ _PACKETS = """
         }
         filled = 0;
     }
+#endif
 """
 """Fills packets of sixteen rays and hands them to Embree's queries, called by their addresses. The layout is that of
-``RTCRayHit16`` of embree4/rtcore_ray.h, of which ``RTCRay16`` is the beginning. ``coherent``: walk with a whole packet."""
+``RTCRayHit16`` of embree4/rtcore_ray.h, of which ``RTCRay16`` is the beginning. ``coherent``: walk with a
+whole packet. On CUDA nothing calls it."""
 
 
 @wp.func_native(_PACKETS.replace("%BLOCK%", str(BLOCK)))

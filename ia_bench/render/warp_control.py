@@ -108,7 +108,8 @@ def subtract(
 ):  # fmt: skip
     """Make V cos - c of each sample's cosine, in ``terms``.
 
-    A texel of the light that is in no sight becomes -1 where the control has nothing either, and else -2 less its number.
+    A texel of the light that is in no sight becomes -1 where the control has nothing either, and else -2 less its number: what the
+    object itself shows there keeps its lobe.
     """
     n = first + wp.tid()
     row = rows[n]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,8 @@ def test_it_takes_noise_away_and_moves_nothing(
         for controlled in (False, True)
     )
     assert off(plain, with_it) < 4
+    error = ((plain.var(0) + with_it.var(0)) / TIMES).sqrt()
+    assert float(((with_it.mean(0) - plain.mean(0)) / error)[error > 0].std()) == pytest.approx(1, abs=0.2)  # of single pixels too
     assert float(with_it.var(0).mean()) < 0.6 * float(plain.var(0).mean())
 
 
@@ -79,27 +82,27 @@ def test_a_bake_that_is_wrong_costs_noise_alone(
     assert float(found.var(0).mean()) > 1.5 * float(with_it.var(0).mean())
 
 
+@pytest.mark.parametrize("leaf", ["light", "albedo"])
 def test_gradients_are_those_of_the_estimate(
-    tiny_stage: Stage, tiny_material: Material, soft_light: Tensor, tmp_path: Path
+    tiny_stage: Stage, tiny_material: Material, soft_light: Tensor, tmp_path: Path, leaf: str
 ) -> None:
-    """An estimate is linear in the light and in the albedo: a step along its gradient moves it by the product of both."""
-    baked = bounced(tiny_stage, tmp_path, controlled=True)
-    renderer = Renderer(tiny_stage.surface, TracedShadows(tiny_stage.rays, tiny_stage.surface.offset), interreflection=baked)
-    pixels, weights = torch.arange(0, len(tiny_stage.gbuffer.pixel), 3), torch.Generator().manual_seed(1)
-    wanted = torch.rand(len(pixels), 3, generator=weights)
+    """With one bounce an estimate is linear in the light and quadratic in the albedo, of which central differences are exact."""
+    baked, shadows = bounced(tiny_stage, tmp_path, controlled=True), TracedShadows(tiny_stage.rays, tiny_stage.surface.offset)
+    renderer = Renderer(tiny_stage.surface, shadows, interreflection=baked, coat="layered")
+    pixels, generator = torch.arange(0, len(tiny_stage.gbuffer.pixel), 3), torch.Generator().manual_seed(1)
+    wanted = torch.rand(len(pixels), 3, generator=generator)
+    start = {"light": soft_light, "albedo": tiny_material.albedo}[leaf]
 
-    def estimate(light: Tensor) -> Tensor:
-        sampled = SampledLight(light, SampledLight.of(soft_light).sampler)
-        drawn = torch.Generator().manual_seed(5)
-        found = renderer.render_pixels(tiny_stage.gbuffer, pixels, tiny_material, sampled, 8, drawn)
-        return (wanted * found.radiance).sum()
+    def estimate(values: Tensor) -> Tensor:
+        light = values if leaf == "light" else soft_light
+        material = replace(tiny_material, albedo=values) if leaf == "albedo" else tiny_material
+        sampled, drawn = SampledLight(light, SampledLight.of(soft_light).sampler), torch.Generator().manual_seed(5)
+        return (wanted * renderer.render_pixels(tiny_stage.gbuffer, pixels, material, sampled, 8, drawn).radiance).sum()
 
-    light = soft_light.clone().requires_grad_()
-    value = estimate(light)
-    (gradient,) = torch.autograd.grad(value, light)
-    step = torch.rand(soft_light.shape, generator=weights) * soft_light
-    moved = estimate(soft_light + step) - value.detach()
-    assert float(moved) == pytest.approx(float((gradient * step).sum()), rel=1e-4)
+    step = 0.5 * torch.rand(start.shape, generator=generator) * start
+    (gradient,) = torch.autograd.grad(estimate(values := start.clone().requires_grad_()), values)
+    moved = 0.5 * (estimate(start + step) - estimate(start - step))
+    assert float(moved) == pytest.approx(float((gradient * step).sum()), rel=2e-4)
 
 
 def test_what_is_known_is_the_sum_over_cells() -> None:

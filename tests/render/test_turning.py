@@ -66,9 +66,11 @@ def material() -> Material:
     return Material(0.1 + 0.8 * torch.rand(16, 16, 3, generator=rng), 0.1 + 0.8 * torch.rand(16, 16, 1, generator=rng))
 
 
-def rendered(stage: Stage, material: Material, light: SampledLight, *, bounces: int = 0, cache: Path = Path()) -> PixelRadiance:
-    shadows = TracedShadows(stage.rays, stage.surface.offset)
-    bounced = bake_interreflection(stage.mesh, stage.surface, stage.rays, bounces, cache) if bounces else None
+def rendered(
+    stage: Stage, material: Material, light: SampledLight, *, bounces: int = 0, cache: Path = Path(), controlled: bool = False
+) -> PixelRadiance:
+    shadows, geometry = TracedShadows(stage.rays, stage.surface.offset), (stage.mesh, stage.surface, stage.rays)
+    bounced = bake_interreflection(*geometry, bounces, cache, controlled=controlled) if bounces else None
     pixels = torch.arange(len(stage.gbuffer.pixel))
     renderer = Renderer(stage.surface, shadows, interreflection=bounced)
     return renderer.render_pixels(stage.gbuffer, pixels, material, light, 128, torch.Generator().manual_seed(1))
@@ -126,6 +128,14 @@ def test_views_see_their_own_turn_whether_they_are_rendered_alone_or_together(me
 
     alone = torch.cat([mean(Stage.of(mesh, [camera])) for camera in cameras])
     torch.testing.assert_close(mean(Stage.of(mesh, cameras)), alone, rtol=0.02, atol=0)
+
+
+def test_there_is_no_control_variate_under_a_light_that_turns(mesh, light, material, tmp_path):
+    camera = camera_at((2.0, -3.0, 1.5), pixels=20)
+    stage, turning = Stage.of(mesh, [camera]), TurningLight(tuple(map(tuple, camera.to_world[:3])), tuple(AXIS))
+    lit = SampledLight.of(light, turning=turning)
+    plain, asked = (rendered(stage, material, lit, bounces=1, cache=tmp_path, controlled=one).radiance for one in (False, True))
+    assert torch.equal(plain, asked)
 
 
 def test_gradients_are_those_of_the_picture(mesh, light, material, tmp_path):

@@ -59,12 +59,17 @@ SAME = f"out=elsewhere row=another preset=quick prior.cache=false fit.pixels=204
 OTHERS = """seed=1 threads=63 capture.views=8 capture.geometry=hull capture.geometry=sdf scene=ship prior=oracle method=ceiling
     capture.white_balance=per_image
     reader.options.uv=xatlas preset=smoke protocol.lpips.net=alex protocol.ssim.sigma=2 protocol.samples_per_pixel=65
-    render.shadows=none fit.rates.light=0.3"""
+    render.shadows=none render.control_variate=false fit.rates.light=0.3"""
 
 
 @pytest.mark.parametrize("override", SAME.split())
 def test_hash_ignores_what_decides_no_number(override: str) -> None:
     assert hash_with(override) == hash_with()
+
+
+def test_a_control_variate_decides_nothing_where_there_is_none() -> None:
+    for without in (["render.bounces=0"], ["capture.light=turntable", "capture.turntable_axis=[0,0,1]"]):
+        assert hash_with(*without, "render.control_variate=false") == hash_with(*without)
 
 
 @pytest.mark.parametrize("override", OTHERS.split())

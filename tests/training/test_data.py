@@ -90,7 +90,7 @@ GENERATOR = (
 ALLOWED = {
     "__future__", "collections.abc", "dataclasses", "functools", "typing", "math", "pathlib", "numpy", "numpy.random", "torch",
     "torch.nn.functional", "scipy.interpolate", "scipy.spatial", "skimage.measure", "ia_bench.light.latlong",
-    "ia_bench.material.brdf", "ia_bench.render.gbuffer", "ia_bench.render.kernels",
+    "ia_bench.material.brdf", "ia_bench.render.gbuffer",
     "ia_bench.render.rays", "ia_bench.scenes.color", "ia_bench.scenes.scene",
     "ia_bench_training", "ia_bench_training.shards",
 }  # fmt: skip

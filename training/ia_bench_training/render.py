@@ -17,9 +17,8 @@ import torch
 from numpy.random import Generator
 from torch import Tensor
 
-from ia_bench.material.brdf import GOLDEN, dot, normalize
+from ia_bench.material.brdf import GOLDEN, PLASTIC, dot, normalize
 from ia_bench.render.gbuffer import primary_rays
-from ia_bench.render.kernels import PLASTIC
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.scenes.scene import Camera, Mesh
 from ia_bench_training.cameras import draw_camera

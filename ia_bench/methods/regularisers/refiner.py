@@ -80,6 +80,7 @@ def fitted_views(
     """
     part, _ = restrict(problem.gbuffer, views)
     rendered = as_photographed(problem.renderer.render_images(part, material, light, SAMPLES, generator), views, exposures)
+    rendered["radiance"] = rendered["radiance"].clamp_min(0)  # of which a control variate leaves estimates below black
     together = evidence(fusion, [problem.scene.train[view] for view in views], rendered, len(material.albedo))
     images = {name: rendered[name] for name in ("albedo", "radiance", "specular")}
     for name, texture in (("roughness", material.roughness), ("evidence", together)):

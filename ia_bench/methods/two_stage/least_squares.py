@@ -52,8 +52,9 @@ def solved_albedo(
     gbuffer, surface = problem.gbuffer.at(chosen), problem.renderer.surface
     rendered = problem.renderer.render_entries(gbuffer, material, light, problem.plan.samples, generator)
     factor = 1.0 if exposures is None else exposures[gbuffer.view()]
-    diffuse, radiance = factor * rendered["diffuse"], factor * rendered["radiance"]
-    residual, scale = photographs.radiance[chosen] - radiance, radiance + DIM * radiance.mean().clamp_min(1e-12)
+    diffuse, radiance = factor * rendered["diffuse"].clamp_min(0), factor * rendered["radiance"]
+    residual = photographs.radiance[chosen] - radiance
+    scale = radiance.clamp_min(0) + DIM * radiance.mean().clamp_min(1e-12)  # estimates may be below black
     weight = (diffuse / scale).square() / (1 + (residual / (RESIDUAL * scale)).square())
     light_there = diffuse / rendered["albedo"].clamp_min(1e-3)
     wanted = (residual / light_there.clamp_min(max(1e-4 * float(light_there.mean()), 1e-12))).clamp(-LARGEST, LARGEST)

@@ -23,6 +23,9 @@ from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.render.renderer import PixelRadiance, samples_taken
 from ia_bench.scenes.color import tone_map
 
+CUT, CUT_WITH_CONTROL = 0.1, 0.05
+"""What ``residual_cut=auto`` is without and with a control variate of diffuse light: it belongs to the noise (docs/choices.md)."""
+
 
 class Losses:
     """All losses of a batch of pixels, weighted, by name; a step descends along their sum."""
@@ -30,6 +33,12 @@ class Losses:
     def __init__(self, problem: Problem, settings: FitSettings, prior: PriorLoss) -> None:
         self._problem, self._settings, self._prior = problem, settings, prior
         self._photographs = problem.photographs
+        cut = settings.residual_cut
+        if cut == "auto":
+            bounced = problem.renderer.interreflection
+            controlled = bounced is not None and bounced.control is not None and problem.scene.turning is None
+            cut = CUT_WITH_CONTROL if controlled else CUT
+        self._cut: float = cut
         self._samples_a_half = max(1, problem.plan.samples // 2)  # of the dual-buffer loss, before the renderer rounds them
         self._pairs = neighbouring_pixels(problem, self._photographs.radiance, settings.smooth_scale)
 
@@ -74,7 +83,7 @@ class Losses:
         halves = render(pixels.repeat(2), self._samples_a_half)
         rendered = halves.averaged(2)
         first, second = (unit * halves.radiance).chunk(2)
-        return dual_buffer_loss(first, second, unit * target, settings.residual_cut, known), rendered
+        return dual_buffer_loss(first, second, unit * target, self._cut, known), rendered
 
     @property
     def samples_per_pixel(self) -> int:

@@ -78,7 +78,8 @@ class FitSettings:
         image_loss: "dual_buffer": each half of a pixel's samples weighed by the residual of the other half
             (``losses.dual_buffer_loss``: noise pulls nowhere). "l1" of tone-mapped radiance, value and gradient from the same
             samples: it also fits a light and a material whose renders have little noise.
-        residual_cut: Where the dual-buffer loss cuts residuals.
+        residual_cut: Where the dual-buffer loss cuts residuals; "auto": .05 with a control variate of diffuse light, and .1, since
+            there is more noise, without one.
         albedo_start: Share of all steps in which the albedo stays as it is and the light alone explains the images.
         roughness_start: Share of all steps after which roughness, and metallic, are optimised; until the light is right they
             would only learn the light's error.
@@ -103,7 +104,7 @@ class FitSettings:
     multigrid_rates: MultigridRates = field(default_factory=MultigridRates)
     guided: bool = True
     image_loss: Literal["dual_buffer", "l1"] = "dual_buffer"
-    residual_cut: Positive = 0.05
+    residual_cut: Positive | Literal["auto"] = "auto"
     albedo_start: UnitInterval = 0.1
     roughness_start: UnitInterval = 0.3
     scale_ambiguity_start: UnitInterval = 0.3

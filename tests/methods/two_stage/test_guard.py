@@ -49,7 +49,8 @@ class Failing:
     """A renderer that spoils its result in the given step."""
 
     def __init__(self, renderer: Renderer, bad: int, spoil: Callable[[PixelRadiance], PixelRadiance]) -> None:
-        self.surface, self._renderer, self._bad, self._spoil = renderer.surface, renderer, bad, spoil
+        self.surface, self.interreflection = renderer.surface, renderer.interreflection
+        self._renderer, self._bad, self._spoil = renderer, bad, spoil
         self._step = -1
 
     def render_pixels(self, gbuffer: Any, pixels: Tensor, *rest: Any, **options: Any) -> PixelRadiance:

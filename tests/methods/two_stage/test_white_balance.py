@@ -87,4 +87,4 @@ def test_a_fit_finds_factors_and_the_albedo_beside_them(scene: Scene, problem: P
             off = (fit.parameters.exposures.detach() / factors).log().abs().mean()
     assert float(off) < 0.05  # of factors that are .15 off 1 in the mean
     assert errors[1] < 1.1 * errors[0]
-    assert errors[2] > 1.1 * errors[0]
+    assert errors[2] > 1.15 * errors[0]
