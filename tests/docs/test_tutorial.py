@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ia_bench.cli.check import main as check
-from ia_bench.cli.run import main as run
+from ia_bench.cli.main import main
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "tutorial.md").read_text(encoding="utf-8")
 
@@ -22,14 +21,14 @@ def block(language: str) -> str:
 
 def test_its_prior_is_checked_and_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # to which the command adds the folder where one is
     (tmp_path / "my_prior.py").write_text(block("python"), encoding="utf-8")
-    assert check(["prior=my_prior:Retinex"]) == 0
+    assert main(["check", "prior=my_prior:Retinex"]) == 0
     said = capfd.readouterr().out.splitlines()
     shown = [line for line in PAGE.splitlines() if line.startswith(("prior my_prior", "✓")) or line.endswith(" skipped")]
     assert len(shown) > 5
     assert not [line for line in shown if line not in said]
     rows = yaml.safe_load(block("yaml"))["rows"]
     assert [row["name"] for row in rows] == re.findall(r"^\| (\w+) \| \d\d\.\d\d \|", PAGE, re.MULTILINE)
-    assert run([*rows[1]["overrides"], "scene=tiny", "preset=smoke", "device=cpu", "threads=1", "out=result"]) == 0
+    assert main(["run", *rows[1]["overrides"], "scene=tiny", "preset=smoke", "device=cpu", "threads=1", "out=result"]) == 0
     sys.modules.pop("my_prior")
