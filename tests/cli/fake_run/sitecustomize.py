@@ -30,6 +30,7 @@ def run(config, folder, progress, known):
     if config.row == "crash":
         os.kill(os.getpid(), signal.SIGKILL)
     if config.row == "stuck":
+        interruption.GRACE_SECONDS = 1
         time.sleep(3600)
     if config.row == "raise":
         raise RuntimeError("boom")
