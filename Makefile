@@ -20,7 +20,7 @@ DOCS_READY := .venv-docs/.ready
 BLENDER_READY := .venv-blender/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-ray setup-notebooks notebooks table value report test test-slow verify stability stiffness work-precision lint docs scenes prior-data real-data prior clean
+.PHONY: help setup setup-ray setup-notebooks notebooks table value report test test-slow test-gpu verify stability stiffness work-precision lint docs scenes prior-data real-data prior clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -63,6 +63,9 @@ test: setup ## the fast tests
 
 test-slow: setup ## the slow tests: against Cycles, Ray, a real installation
 	$(PY) -m pytest -m slow $(ARGS)
+
+test-gpu: setup ## on a machine with a GPU: rays, kernels and one fit against the CPU
+	$(PY) -m pytest -m gpu $(ARGS)
 
 verify: setup ## the correctness battery of the renderer, slow tests included (docs/verification.md)
 	$(PY) -m pytest -m verify $(ARGS)
