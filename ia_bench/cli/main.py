@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -48,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         name, rest = "run", ["--version"]
     if name not in COMMANDS:
         return complain(unknown("command", name, COMMANDS))
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())  # where module:Class is looked for last, as `python -m ia_bench` does first
+    if "" not in sys.path:
+        sys.path.append("")  # the folder where one is: module:Class is looked for there last, by `python -m ia_bench` first
     status: int = import_module(COMMANDS[name][0]).main(rest)
     return status

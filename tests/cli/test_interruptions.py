@@ -95,7 +95,12 @@ def test_a_spoiled_checkpoint_costs_time_and_no_number(spoil, capfd: pytest.Capt
 
 
 @pytest.mark.parametrize(
-    "redirect", ["> /dev/full 2>&1", "| head -c 1", *(pytest.param(one, marks=pytest.mark.slow) for one in (">&-", "2>&-"))]
+    "redirect",
+    [
+        "> /dev/full 2>&1",
+        "| head -c 1",
+        *(pytest.param(one, marks=pytest.mark.slow) for one in ("> /dev/full", ">&-", "2> /dev/full", "2>&-")),
+    ],
 )
 def test_output_that_nobody_takes_costs_no_result(redirect: str) -> None:
     line = f"set -o pipefail; {' '.join(command())} {redirect}"
