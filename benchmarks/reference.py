@@ -28,7 +28,7 @@ from ia_bench.material.brdf import (
     sample_visible_ggx,
     visible_ggx_pdf,
 )
-from ia_bench.material.textures import Material, bilinear_taps
+from ia_bench.material.textures import Material
 from ia_bench.render import indirect as interreflections
 from ia_bench.render.estimator import FromObject, Shaded, lattice
 from ia_bench.render.gbuffer import GBuffer, SurfacePoints
@@ -41,6 +41,24 @@ LEAST_PDF = 1e-12
 
 
 # ---------------------------------------------------------------- textures and surfaces
+def bilinear_taps(uv: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """The four texels around each UV (..., 2): their indices (..., 4) in the flattened texture, and their weights (..., 4).
+
+    Beyond the border the nearest texel is repeated.
+    """
+    column = uv[..., 0] * width - 0.5
+    row = (1 - uv[..., 1]) * height - 0.5
+    left, top = torch.floor(column), torch.floor(row)
+    right_weight, bottom_weight = column - left, row - top
+    left, top = left.long(), top.long()
+    columns = torch.stack([left, left + 1], -1).clamp(0, width - 1)
+    rows = torch.stack([top, top + 1], -1).clamp(0, height - 1)
+    index = (rows[..., :, None] * width + columns[..., None, :]).flatten(-2)
+    across = torch.stack([1 - right_weight, right_weight], -1)
+    down = torch.stack([1 - bottom_weight, bottom_weight], -1)
+    return index, (down[..., :, None] * across[..., None, :]).flatten(-2)
+
+
 def fetch(texture: Tensor, uv: Tensor) -> Tensor:
     """Look up a texture (H, W, C) bilinearly at UV (..., 2): (..., C). See :func:`ia_bench.material.textures.fetch`."""
     height, width, channels = texture.shape

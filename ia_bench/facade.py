@@ -28,10 +28,10 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.readers.pictures import read_light
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.stage import Stage
-from ia_bench.report.collect import collect
+from ia_bench.report.collect import CellKey, collect
+from ia_bench.runs.cells import folders_with_cells
 from ia_bench.runs.composition import compose, written
 from ia_bench.runs.execute import execute
-from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.recovered import Recovered
 from ia_bench.runs.relighting import Background, draw, frames_of
 from ia_bench.runs.scene import read_scene
@@ -254,7 +254,9 @@ def table(runs: Sequence[Fit | str | Path]) -> pd.DataFrame:
     ``runs``: fits, and folders that are searched for runs. Raises InputError for two runs of one row, scene and seed: name a
     row by ``fit(..., row="mine")``.
     """
-    folders = [folder for one in runs for folder in ([one.folder] if isinstance(one, Fit) else find_run_folders(Path(one)))]
+    folders: dict[Path, CellKey | None] = {}
+    for one in runs:
+        folders |= {one.folder: None} if isinstance(one, Fit) else folders_with_cells([Path(one)], log.info)
     return collect(folders).runs.reindex(columns=list(SHOWN)).dropna(axis=1, how="all")
 
 

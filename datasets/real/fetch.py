@@ -27,7 +27,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import FAULT, OK, status_of
 from ia_bench.readers.pictures import recorded_exposure
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
-from ia_bench.scenes.exr import read_rgbe
+from ia_bench.scenes.exr import read_rgbe, rgbe_texels
 
 HERE = Path(__file__).resolve().parent
 LONG_SIDE, QUALITY = 640, 93  # of a photograph in the pack
@@ -117,14 +117,9 @@ def lights(source: dict[str, Any], folder: Path, out: Path, sums: dict[str, str]
 
 
 def rgbe(image: np.ndarray, title: str) -> bytes:
-    """A run-length encoded Radiance picture of (H, W, 3) linear values >= 0, rounded to the nearest (Ward 1991)."""
-    brightest = image.max(-1)
-    exponents = np.frexp(brightest)[1]
-    exponents += np.rint(np.ldexp(brightest, 8 - exponents)) > 255  # which rounds up to the next power of 2
-    texels = np.zeros((*brightest.shape, 4), np.uint8)
-    texels[..., :3] = np.rint(np.ldexp(image, 8 - exponents[..., None]))
-    texels[..., 3] = np.where(brightest > 0, exponents + 128, 0)
-    height, width = brightest.shape
+    """A run-length encoded Radiance picture of (H, W, 3) linear values >= 0."""
+    texels = rgbe_texels(image)
+    height, width = image.shape[:2]
     rows = (b"\x02\x02" + width.to_bytes(2, "big") + b"".join(run_lengths(row[:, k].tobytes()) for k in range(4)) for row in texels)
     return f"#?RADIANCE\n# {title}\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode() + b"".join(rows)
 

@@ -15,8 +15,8 @@ from ia_bench.common.progress import Begin, unseen
 from ia_bench.scenes.scene import Scene, View, of_one_size
 
 DOUBTS, MANY = (3, 1), 8
-"""Of MANY photographs and more, how many may be wrong about a point of the hull by which poses and masks are judged: the first
-number that leaves it closed. Of fewer, hulls that doubt one are open, or move cameras to wrong places, more often."""
+"""With MANY photographs or more, the hull that judges poses and masks lets three of them be wrong about a point, or one where
+that leaves it open. With fewer, only ``capture.tolerated`` may be: such hulls are open more often, or move cameras away."""
 
 
 def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None], begin: Begin = unseen) -> Scene:
@@ -27,9 +27,9 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     """
     train = scene.train
     if settings.views != "all":
-        from ia_bench.capture.faults import spread  # imported only here, as what follows: they bring in scipy and trimesh
+        from ia_bench.capture.faults import spread_over_directions  # only here, as what follows: they bring in scipy and trimesh
 
-        train = spread(train, settings.views)
+        train = spread_over_directions(train, settings.views)
     scene = at_one_exposure(replace(scene, train=tuple(train)), note)
     train = scene.train
     if settings.tolerated >= len(train) and (settings.consistency or settings.geometry in MADE):

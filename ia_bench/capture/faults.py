@@ -57,7 +57,7 @@ def mistaken_masks(views: Sequence[View], faults: FaultSettings) -> list[np.ndar
     for place, view in enumerate(views):
         mask, pixels = view.mask, faults.mask_growth + faults.mask_jitter * _random(faults, GROWTH, view).uniform(-1, 1)
         if pixels:
-            grown = (HALF + pixels - outline_distance(mask)).clip(0, 1).astype(np.float32)
+            grown = (HALF + pixels - outline_distance(carving_mask(view))).clip(0, 1).astype(np.float32)
             mask = np.where(~view.known & (mask == 0), np.float32(0), grown)
         if place in chosen:  # it loses what is on one side of a line through its middle
             angle = _random(faults, SIDE, view).uniform(0, 2 * np.pi)
@@ -97,7 +97,7 @@ def _chosen(views: Sequence[View], count: int, faults: FaultSettings, purpose: i
 
 
 # ---------------------------------------------------------------- fewer views, and fewer pixels of them
-def spread(views: Sequence[View], count: int) -> tuple[View, ...]:
+def spread_over_directions(views: Sequence[View], count: int) -> tuple[View, ...]:
     """``count`` of the views, in their order. Raises InputError where there are fewer.
 
     Directions are those from the point that the cameras look at, which asks for no mesh.

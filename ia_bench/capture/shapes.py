@@ -28,7 +28,7 @@ from ia_bench.scenes.photograph import read_stored
 from ia_bench.scenes.scene import Mesh, Scene, View
 
 VERSION = 1  # of how a mesh is made: those that another one made are not taken from the cache
-PARTS = ("vertices", "faces", "normals", "uv")
+MESH_ARRAYS = ("vertices", "faces", "normals", "uv")
 CAMERAS = "cameras"  # of the training views, where they have moved
 SETTING = "capture.sdf.normals"
 SUFFIXES = ".png", ".exr", ".npy"
@@ -65,7 +65,7 @@ def with_geometry(
     else:
         seen = replace(scene, mesh=None).blind()  # nothing that is made may know the truth
         made = Cache().kept(_key(seen, settings, normals), lambda: _made(seen, settings, note, normals, begin))
-        mesh = Mesh(*(made[part].numpy() for part in PARTS))
+        mesh = Mesh(*(made[part].numpy() for part in MESH_ARRAYS))
         if CAMERAS in made:
             poses = zip(scene.train, made[CAMERAS].numpy(), strict=True)
             train = tuple(replace(view, camera=replace(view.camera, to_world=pose)) for view, pose in poses)
@@ -89,7 +89,7 @@ def _made(
         else:
             grid = visual_hull(scene.train, cells, settings.tolerated)
         mesh = mesh_of(grid, settings.triangles)
-    made = {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in PARTS}
+    made = {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in MESH_ARRAYS}
     if moving is not None:
         made[CAMERAS] = torch.from_numpy(np.stack([camera.to_world for camera in moving.cameras(scene.train)]))
     return made

@@ -88,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for light in lights
         ]
     side_by_side = [np.concatenate(row, 1) for row in zip(*(pictures for pictures, _ in drawn), strict=True)]
-    relighting.write_pictures(wanted.out, side_by_side, seconds=wanted.seconds)
+    relighting.write_animation(wanted.out, side_by_side, seconds=wanted.seconds)
     for path, (_, exposure) in zip(wanted.light, drawn, strict=True):
         say(f"{path}: exposure {exposure:+.2f} EV", sys.stdout)
     say(str(wanted.out), sys.stdout)

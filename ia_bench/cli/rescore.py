@@ -14,6 +14,7 @@ from ia_bench.common.exit_codes import FAULT, OK, complain, exits, say
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
+from ia_bench.runs.cells import folders_with_cells
 from ia_bench.runs.folder import folders_among
 from ia_bench.runs.record import METRICS_FILE
 from ia_bench.scores.protocol import Protocol
@@ -34,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from ia_bench.runs.recovered import Rescorer  # brings in the renderer
 
     roots = folders_among(wanted.runs, complain)
-    found = sorted({path.parent for root in roots for path in root.rglob(METRICS_FILE)})
+    found = sorted(folder for folder in folders_with_cells(roots, complain) if (folder / METRICS_FILE).is_file())
     folders = [folder for folder in found if wanted.out.resolve() not in folder.resolve().parents] or found  # not its own again
     if not folders:
         raise InputError(f"{', '.join(map(str, wanted.runs))}: expected a run's {METRICS_FILE} below, found none")

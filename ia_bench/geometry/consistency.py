@@ -186,8 +186,9 @@ class MovingPhotographs:
 
     def cameras(self, views: Sequence[View]) -> list[Camera]:
         """The cameras of the views after the motions that offset their pictures as they are offset."""
+        centre = centre_of(views)
         with torch.no_grad():
-            return [self._camera(number, view.camera, centre_of(views)) for number, view in enumerate(views)]
+            return [self._camera(number, view.camera, centre) for number, view in enumerate(views)]
 
     def _camera(self, number: int, camera: Camera, centre: np.ndarray) -> Camera:
         radius, middle = float(self._radius[number]), self._middle[number].numpy().astype(np.float64)

@@ -17,7 +17,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.geometry.mesh import unwrap
 from ia_bench.scenes.scene import Mesh
 
-FLATTEST = 1e-6  # least sine of a triangle's angle that its cotangent is taken of
+FLATTEST = 1e-6  # least sine of an angle when its cotangent is taken, so that a needle of a triangle has a finite weight
 CRUMB = 0.01  # of the largest part's triangles; smaller parts are noise
 
 

@@ -208,11 +208,9 @@ def _normals(vertices: np.ndarray, faces: np.ndarray, stored: np.ndarray | None,
     import trimesh
 
     # Vertices split at UV seams must share one normal, so the averaging is over positions, weighted by corner angle.
-    _, shared = np.unique(vertices, axis=0, return_inverse=True)
+    places, shared = np.unique(vertices, axis=0, return_inverse=True)
     shared = shared.reshape(-1)
-    welded = trimesh.Trimesh(vertices=np.zeros((shared.max() + 1, 3)), faces=shared[faces], process=False)
-    welded.vertices[shared] = vertices
-    normals = np.asarray(trimesh.Trimesh(welded.vertices, welded.faces, process=False).vertex_normals)[shared]
+    normals = np.asarray(trimesh.Trimesh(places, shared[faces], process=False).vertex_normals)[shared]
     flat = np.linalg.norm(normals, axis=1) < 1e-6
     if (flat & np.isin(np.arange(len(vertices)), faces)).any():
         face_normals = np.cross(*(vertices[faces[:, i]] - vertices[faces[:, 0]] for i in (1, 2)))

@@ -104,7 +104,7 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     parts = []
     for some in points.split(PLANES_AT_ONCE):
         of_others = torch.stack([correlation(own, _projected(*other, some)) for other in others])
-        parts.append(of_others.topk(min(AGREEING, len(others)), 0).values.mean(0))  # of those that agree most
+        parts.append(of_others.topk(AGREEING, 0).values.mean(0))  # of those that agree most
     alike = torch.cat(parts)
     cost = semi_global(torch.where(inside, 1 - alike, OUTSIDE), SMALL_JUMP, LARGE_JUMP)
     cost = torch.where(inside, cost, NEVER)

@@ -67,13 +67,14 @@ def _shares(new: Tensor, old: Tensor) -> Tensor:
 
 
 def turned(radiance: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """A lat-long map (H, W, 3), turned by a ``rotation`` (3, 3): new(d) = old(rotation^T d). It keeps its size.
+    """A lat-long map (H, W, 3), turned by a ``rotation`` (3, 3), which may mirror: new(d) = old(rotation^T d). It keeps its size.
 
     Whole columns about the vertical axis are exact. All else is bilinear between the centres of texels, which keeps no sun's power.
     """
     height, width = radiance.shape[:2]
     columns = math.atan2(rotation[1, 0], rotation[0, 0]) * width / (2 * math.pi)
-    if abs(rotation[2, 2] - 1) < 1e-9 and abs(columns - round(columns)) < 1e-6:
+    upright = abs(rotation[2, 2] - 1) < 1e-9 and np.linalg.det(rotation) > 0
+    if upright and abs(columns - round(columns)) < 1e-6:
         return np.roll(radiance, -round(columns), axis=1)  # the azimuth falls from left to right
     from scipy.ndimage import map_coordinates
 

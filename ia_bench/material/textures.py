@@ -29,24 +29,6 @@ class Material:
     metallic: Tensor | None = None
 
 
-def bilinear_taps(uv: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """The four texels around each UV (..., 2): their indices (..., 4) in the flattened texture, and their weights (..., 4).
-
-    Beyond the border the nearest texel is repeated.
-    """
-    column = uv[..., 0] * width - 0.5
-    row = (1 - uv[..., 1]) * height - 0.5
-    left, top = torch.floor(column), torch.floor(row)
-    right_weight, bottom_weight = column - left, row - top
-    left, top = left.long(), top.long()
-    columns = torch.stack([left, left + 1], -1).clamp(0, width - 1)
-    rows = torch.stack([top, top + 1], -1).clamp(0, height - 1)
-    index = (rows[..., :, None] * width + columns[..., None, :]).flatten(-2)
-    across = torch.stack([1 - right_weight, right_weight], -1)
-    down = torch.stack([1 - bottom_weight, bottom_weight], -1)
-    return index, (down[..., :, None] * across[..., None, :]).flatten(-2)
-
-
 def fetch(texture: Tensor, uv: Tensor) -> Tensor:
     """Look up a texture (H, W, C) bilinearly at UV (..., 2): (..., C). Differentiable in the texture only."""
     found: Tensor = _Fetch.apply(texture.contiguous(), uv.detach().reshape(-1, 2).contiguous())

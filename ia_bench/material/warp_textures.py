@@ -13,7 +13,7 @@ class Taps:
 
 @wp.func
 def bilinear_taps(uv: wp.vec2, height: int, width: int) -> Taps:
-    """See :func:`ia_bench.material.textures.bilinear_taps`."""
+    """The four texels around ``uv`` and their bilinear weights; beyond the border the nearest texel is repeated."""
     column = uv[0] * float(width) - 0.5
     row = (1.0 - uv[1]) * float(height) - 0.5
     left = wp.floor(column)

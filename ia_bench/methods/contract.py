@@ -151,8 +151,8 @@ class StepRender:
     Attributes:
         albedo: (B, 3), of the step's pixels, premultiplied by coverage.
         specular: (B, 3), their specular shading, linear.
-        texture: (T, T, 3), the albedo texture, for a loss that is to move single texels alone: steps at coarser scales and the
-            factor that light and albedo exchange do not follow its gradient.
+        texture: (T, T, 3), the albedo texture, for a loss that is to move single texels alone: multigrid and
+            scale-ambiguity steps do not follow its gradient.
         generator: Draws whatever is random in a loss.
     """
 
@@ -253,7 +253,7 @@ class Regulariser:
         return step == steps
 
     def apply(self, material: Material, state: FitState) -> Material:
-        """A material instead of ``material``, which stays as it is; the fit brings values back into their range."""
+        """A material instead of ``material``, whose metallic stays; the fit brings values back into their range."""
         raise NotImplementedError
 
 

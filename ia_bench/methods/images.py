@@ -83,7 +83,7 @@ class BroughtImages:
         """Raises InputError for pictures that are missing, of another size, or not what they should be; each is looked at."""
         from ia_bench.methods.contract import Result
 
-        pictures = Pictures(self._options, problem.held_out)
+        pictures = BroughtPictures(self._options, problem.held_out)
         bar = monitor.task("pictures", sum(len(problem.held_out[folder]) for folder in pictures.paths), 0)
         for folder in pictures.paths:
             for _, camera in problem.held_out[folder]:
@@ -94,7 +94,7 @@ class BroughtImages:
         return Result(pictures, declared=self._options.declared)
 
 
-class Pictures:
+class BroughtPictures:
     """Pictures in folders, as a :class:`ia_bench.render.reconstruction.Reconstruction`.
 
     Attributes:

@@ -75,8 +75,8 @@ class Monitor:
 class CostTracker:
     """The accounts of one run, those of the processes before an interruption included.
 
-    What is spent inside an :meth:`exclude` block, on baking or on scoring, is no cost of the fit: its seconds go into an entry of
-    their own and its counts into none. Of CPU seconds baking is a part. A block inside another one belongs to the outer one.
+    Seconds spent inside an :meth:`exclude` block are booked under that entry, and its rays and points are not counted. CPU seconds
+    of such a block are left out too, but for those of baking, which belong to the fit. A block inside another belongs to the outer.
 
     Attributes:
         seconds: Entry -> seconds.

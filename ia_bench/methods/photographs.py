@@ -39,7 +39,8 @@ class Photographs:
     Attributes:
         radiance: (P, 3), linear, premultiplied by the mask.
         mask: (P, 1), the share of the pixel that the object fills, as the photograph's mask has it.
-        known: (P, 1) bool, where the radiance is no lower bound alone, as it is in pixels that are left out; None for everywhere.
+        known: (P, 1) bool, True where the photograph's value is the radiance, False where it is only a lower bound (saturated), and
+            in pixels that are ``left_out``; None for True everywhere.
         left_out: (P,) bool, where the mesh fills the pixel and the mask leaves it out: wrong masks and poses, a margin that a
             capture cuts off, a mesh that is too large. Nothing that was made of the photograph says anything there.
         unit: Factor of radiance, of photographs and renders alike, at which a loss of absolute radiance compares them.

@@ -18,6 +18,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.machine import expect_memory
 from ia_bench.material.brdf import dot, normalize
 from ia_bench.methods.photographs import spreading_order, views_needed
+from ia_bench.render.agreement import USUAL
 from ia_bench.render.gbuffer import GBuffer, SurfacePoints, sees
 from ia_bench.render.renderer import samples_taken
 from ia_bench.render.settings import RenderSettings
@@ -140,10 +141,7 @@ class _Probe:
             gbuffer = stage.gbuffer([view.camera for view in views], 2)
             if bool((gbuffer.face[:, 0] >= 0).any()):
                 return cls(scene, stage, gbuffer)
-        raise InputError(
-            f"{scene.source}: no training camera sees the mesh: expected transform_matrix to be camera-to-world in the "
-            "OpenGL convention (the camera looks along its -z axis, +y is up), in the units of mesh.ply"
-        )
+        raise InputError(f"{scene.source}: no training camera sees the mesh: {USUAL}")
 
     def generator(self) -> torch.Generator:
         """Of one measurement's own draws."""

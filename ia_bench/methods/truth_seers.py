@@ -42,12 +42,8 @@ class Ceiling(_TruthSeer):
 
     def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
         """Nothing is optimised. Raises InputError when the scene does not ship its truth, or does not say what of it is metal."""
-        import torch
-
-        from ia_bench.material.brdf import MIN_ROUGHNESS
-        from ia_bench.material.textures import Material
         from ia_bench.methods.contract import Result
-        from ia_bench.render.reconstruction import TexturedReconstruction
+        from ia_bench.render.reconstruction import Assets, TexturedReconstruction
         from ia_bench.render.stage import Stage
 
         scene = problem.truth
@@ -57,16 +53,9 @@ class Ceiling(_TruthSeer):
             raise InputError(f"{who}: expected no metal, or a true metallic texture, found metal without")
         if truth is None or truth.albedo is None or truth.roughness is None or "train" not in truth.lights:
             raise InputError(f"{who}: expected true textures and the true training light, found that they are not shipped")
-        albedo = torch.from_numpy(truth.albedo).float().to(problem.device)
-        true_roughness = torch.from_numpy(truth.roughness).float()[..., None]
-        roughness = true_roughness.clamp(MIN_ROUGHNESS, 1).to(problem.device)
-        clamped = int((roughness.cpu() != true_roughness).sum())
-        metallic = None if truth.metallic is None else torch.from_numpy(truth.metallic).float()[..., None].to(problem.device)
-        light = torch.from_numpy(truth.lights["train"]).to(problem.device)
         stage = problem.stage if truth.mesh is None else Stage(truth.mesh, problem.device)  # to which the textures belong
-        how: dict[str, Any] = {"coat": problem.render.coat, "turning": problem.scene.turning}
-        recovered = TexturedReconstruction(stage, Material(albedo, roughness, metallic), light, **how)
-        return Result(recovered, counters={"roughness_clamped": clamped})
+        found = Assets(stage.mesh, truth.albedo, truth.roughness, truth.metallic, truth.lights["train"])
+        return Result(TexturedReconstruction.of(found, stage, problem.scene.turning, coat=problem.render.coat))
 
 
 class Constant(_TruthSeer):

@@ -83,7 +83,7 @@ def checked_reconstruction(name: str, found: Any) -> Reconstruction:  # noqa: AN
 
 def checked_part(kind: Kind, name: str, found: Any) -> Any:  # noqa: ANN401 (whatever the plugin made)
     """A coupling or a regulariser as it is if it is built in, else one whose every answer is checked; PluginError for none."""
-    expected, answers = PARTS[kind]
+    expected, answers = ANSWERS[kind]
     if not isinstance(found, expected):
         who = f"{kind} {name}: expected a {expected.__module__}.{expected.__name__}"
         raise PluginError(f"{who}, found {type(found).__name__}")
@@ -191,7 +191,7 @@ def _moved(who: str, moved: Any, material: Material, *_: object) -> Material:  #
     return moved
 
 
-PARTS: dict[Kind, tuple[type, dict[str, Callable[..., Any]]]] = {
+ANSWERS: dict[Kind, tuple[type, dict[str, Callable[..., Any]]]] = {
     "coupling": (Coupling, {"uses": _used, "loss": _losses}),
     "regulariser": (Regulariser, {"apply": _moved}),
 }

@@ -24,7 +24,6 @@ from PIL import Image
 from pydantic import Field
 from scipy.ndimage import distance_transform_edt
 from torch import Tensor
-from torch.nn import functional as F
 
 from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError, expect_distinct
@@ -33,8 +32,8 @@ from ia_bench.common.ranges import Positive
 from ia_bench.common.seeds import derive_seed
 from ia_bench.common.settings import parsed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
-from ia_bench.priors.diffusion.encoding import Frame, exposure
-from ia_bench.priors.inputs import check_views
+from ia_bench.priors.diffusion.encoding import Frame, exposure, resized, window
+from ia_bench.priors.inputs import expect_usable
 from ia_bench.readers.pictures import SUFFIXES
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.images import display
@@ -54,7 +53,7 @@ Place = Annotated[int, Field(gt=-(2**16), lt=2**16)]
 
 
 @dataclass(frozen=True)
-class Shown:
+class PictureOf:
     """What the pictures of one view show of it; see the module."""
 
     size: tuple[Pixels, Pixels] | None = None
@@ -126,7 +125,7 @@ class FilesPrior:
         self._folder = user_path("prior.options.path", path, folder=True)
         place = self._folder / ABOUT
         about = parsed(About, read_json(place) if place.exists() else {}, f"{place}: ")
-        self._views = {name: parsed(Shown, view, f"{place}: views.{name}") for name, view in about.views.items()}
+        self._views = {name: parsed(PictureOf, view, f"{place}: views.{name}") for name, view in about.views.items()}
         self._stored: dict[str, Stored] = {}
         for name, given, said in zip(COMPONENTS, (albedo, specular), (about.albedo, about.specular), strict=True):
             stored = Stored(given or said.files or f"{name}/*", encoding or said.encoding, alpha or said.alpha)
@@ -150,7 +149,7 @@ class FilesPrior:
         """See :meth:`ia_bench.priors.contract.Prior.sample`. Of the observations only names and masks are looked at."""
         if guidance:
             raise InputError("prior=files: it cannot be guided (guidable is false), found guidance")
-        check_views("files", observations, {}, self.info.provides)
+        expect_usable("files", observations, {}, self.info.provides)
         names = observations.names
         if names is None:
             raise InputError(
@@ -172,7 +171,7 @@ class FilesPrior:
             values[component] = torch.stack(rows) if rows else observations.images.clone()
         if "specular" not in values or self._stored["specular"].encoding == "linear":
             return Samples(values)
-        ends = [1 / self._views.get(name, Shown()).exposure for name in names]  # what is encoded ends at white
+        ends = [1 / self._views.get(name, PictureOf()).exposure for name in names]  # what is encoded ends at white
         return Samples(values, {"specular": torch.tensor(ends)})
 
     # ---------------------------------------------------------------- which file
@@ -203,11 +202,13 @@ class FilesPrior:
     # ---------------------------------------------------------------- what is in it
     def _view(self, component: str, name: str, path: Path, mask: Tensor) -> Tensor:
         """The prediction in a picture at the size of its view (H, W, 3), premultiplied by ``mask`` (H, W)."""
-        (height, width), about = mask.shape, self._views.get(name, Shown())
+        (height, width), about = mask.shape, self._views.get(name, PictureOf())
         if about.size is not None and about.size != (width, height):
             said = f"{about.size[0]} x {about.size[1]} pixels"
             raise InputError(f"{self._folder / ABOUT}: expected view {name} with {said}, found {width} x {height}: another capture")
         left, top, across, down = about.box or (0, 0, width, height)
+        if left >= width or top >= height or min(left + across, top + down) <= 0:
+            raise InputError(f"{self._folder / ABOUT}: views.{name}.box: expected a part of {width} x {height}, found {about.box}")
         stored, share = _read(path)
         if abs(stored.shape[1] * down / (stored.shape[0] * across) - 1) > max(ASPECT, 1 / min(stored.shape[:2])):
             found = f"{stored.shape[1]} x {stored.shape[0]}"
@@ -215,7 +216,7 @@ class FilesPrior:
                 f"{path}: expected the aspect of what it shows of view {name}, {across} x {down} pixels, found {found}"
             )
         if share is None:  # the network's own edges are not known: those of the view
-            share = _resized(_cut(mask[..., None], left, top, across, down), *stored.shape[:2])
+            share = resized(window(mask[..., None], left, top, across, down), *stored.shape[:2])
         encoding, alpha = self._stored[component].encoding, self._stored[component].alpha
         straight = torch.where(share > 0, stored / share.clamp_min(1 / 255), 0) if alpha == "premultiplied" else stored
         end = torch.inf if (component, encoding) == ("specular", "linear") else 1.0
@@ -226,8 +227,8 @@ class FilesPrior:
             raise InputError(f"{path}: expected {component}, which is {encoding}, in values {expected}, found {found}")
         straight = straight.clamp(0, end)
         straight = srgb_to_linear(straight) if encoding == "srgb" else straight
-        known = _resized(torch.cat([straight * share, share], -1), down, across)
-        whole = _cut(known, -left, -top, width, height)
+        known = resized(torch.cat([straight * share, share], -1), down, across)
+        whole = window(known, -left, -top, width, height)
         colour, covered = whole[..., :3], whole[..., 3:].clamp_min(0)
         seen = float((mask * covered[..., 0].clamp(max=1)).sum() / mask.sum().clamp_min(1e-9))
         if bool((mask > 0).any()) and seen < COVERED:
@@ -253,23 +254,6 @@ def _read(path: Path) -> tuple[Tensor, Tensor | None]:
     if not (alpha.min() >= -ROUNDING and alpha.max() <= 1 + ROUNDING):
         raise InputError(f"{path}: expected alpha from 0 to 1, found {alpha.min():.4g} to {alpha.max():.4g}")
     return tensor[..., :3], alpha.clamp(0, 1)
-
-
-def _resized(values: Tensor, height: int, width: int) -> Tensor:
-    """Premultiplied values (h, w, C) with as many pixels; to the bit where there are as many already."""
-    if values.shape[:2] == (height, width):
-        return values
-    moved = values.movedim(-1, 0)[None]
-    return F.interpolate(moved, (height, width), mode="bilinear", antialias=True, align_corners=False)[0].movedim(0, -1)
-
-
-def _cut(values: Tensor, left: int, top: int, width: int, height: int) -> Tensor:
-    """The part of (h, w, C) that begins at a row and a column, 0 where that lies beyond the edges."""
-    cut = values.new_zeros(height, width, values.shape[-1])
-    first, last = (max(top, 0), max(left, 0)), (min(top + height, values.shape[0]), min(left + width, values.shape[1]))
-    if last[0] > first[0] and last[1] > first[1]:
-        cut[first[0] - top : last[0] - top, first[1] - left : last[1] - left] = values[first[0] : last[0], first[1] : last[1]]
-    return cut
 
 
 # ---------------------------------------------------------------- what networks are shown

@@ -58,7 +58,7 @@ def use_bf16(precision: Precision, device: torch.device) -> bool:
     return supported and torch.backends.cpu.get_cpu_capability() == "AVX512"
 
 
-def check_views(
+def expect_usable(
     name: str,
     observations: Observations,
     renders: Mapping[str, Tensor],

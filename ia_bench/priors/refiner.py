@@ -21,7 +21,7 @@ from ia_bench.common.ranges import Number
 from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.diffusion.encoding import box_of
 from ia_bench.priors.diffusion.learned import RegressorPrior, weights_folder
-from ia_bench.priors.inputs import Device, Precision, check_views
+from ia_bench.priors.inputs import Device, Precision, expect_usable
 from ia_bench.priors.weight_files import fill, read_description
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 
@@ -85,7 +85,7 @@ class RefinerPrior(RegressorPrior):
     @torch.no_grad()
     def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
         """See :class:`ia_bench.priors.contract.Refiner`. A view without foreground, or an albedo that is black, stays as it is."""
-        check_views("refiner", observations, renders, RENDERS, RENDERS, what="fitted")
+        expect_usable("refiner", observations, renders, RENDERS, RENDERS, what="fitted")
         lacking = [name for name in RENDERS if name not in renders]
         lacking += [name for name in sorted(WANTS) if getattr(observations, name) is None]
         if lacking:

@@ -73,7 +73,7 @@ class FolderReader:
         given = [getattr(self, option, None) for option in ("mesh", "lights")]
         named = [Path(text).expanduser().absolute() for text in given if text is not None]
         found = {path for place in (*self.places(), *named) for path in ([place] if place.is_file() else place.rglob("*"))}
-        return sorted(path for path in found if path.suffix.lower() in DATA and path.is_file())
+        return sorted(path for path in found if path.is_file() and (path in named or path.suffix.lower() in DATA))
 
     # ---------------------------------------------------------------- which views
     def kept(self, items: Sequence[T]) -> list[T]:
@@ -81,8 +81,8 @@ class FolderReader:
         count = min(self.held_out or len(items), len(items))
         return [items[place * len(items) // count] for place in range(count)]
 
-    def told(self, items: Sequence[T], *files: Callable[[T], Path]) -> list[T]:
-        """The held-out cameras that have one of these ``files`` of true albedo, all where none has: maps are scored on them."""
+    def with_true_albedo(self, items: Sequence[T], *files: Callable[[T], Path]) -> list[T]:
+        """The held-out cameras for which one of these ``files`` of true albedo is there, or all cameras if it is for none."""
         return [item for item in items if any(file(item).is_file() for file in files)] or list(items)
 
     def view(self, view: View) -> View:

@@ -19,7 +19,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json, shown
 from ia_bench.scenes.scene import OPENCV_AXES, Camera, View
 
-Frame = tuple[str, Mapping[str, Any]]
+NamedFrame = tuple[str, Mapping[str, Any]]
 """How messages name a frame of transforms.json, and what is said of it."""
 SKEW = 1e-3  # of the focal length: what a calibration may leave and no image shows
 PARALLEL = 1e-3  # share of the largest eigenvalue below which the axes of cameras do not fix a point
@@ -84,7 +84,7 @@ def focal_of(where: str, key: str, angle: float, width: int) -> float:
 
 
 # ---------------------------------------------------------------- frames, as in NeRF's transforms.json
-def frames_of(path: Path) -> list[Frame]:
+def frames_of(path: Path) -> list[NamedFrame]:
     """Every frame of the file, completed by what the file says of all of them, and how messages name it.
 
     ``frames`` is a list, or an object whose keys number or name its frames. Raises InputError, also for a photograph that two
@@ -94,7 +94,7 @@ def frames_of(path: Path) -> list[Frame]:
     listed = content.pop("frames", None)
     if not isinstance(listed, list | dict):
         raise InputError(f"{path}: frames: expected a list, found {type(listed).__name__}")
-    frames: list[Frame] = []
+    frames: list[NamedFrame] = []
     for key, frame in listed.items() if isinstance(listed, dict) else enumerate(listed):
         where = f"{path}: frames[{key!r}]"
         if not isinstance(frame, dict):
@@ -104,12 +104,12 @@ def frames_of(path: Path) -> list[Frame]:
     return frames
 
 
-def frames_if_there(path: Path) -> list[Frame]:
+def frames_if_there(path: Path) -> list[NamedFrame]:
     """:func:`frames_of` a file that need not be there: a folder, a device or a link to nowhere in its place is a mistake."""
     return frames_of(path) if os.path.lexists(path) else []
 
 
-def photographs(frames: Sequence[Frame]) -> list[tuple[str, str]]:
+def photographs(frames: Sequence[NamedFrame]) -> list[tuple[str, str]]:
     """Where each photograph of ``frames`` is named, and how, with the capture that it is of (Stanford-ORB's ``scene_name``)."""
     return [(f"{where}: file_path", f"{frame.get('scene_name', '.')}/{frame.get('file_path')}") for where, frame in frames]
 

@@ -7,7 +7,7 @@ sfm_scene.json holds, by the number of a photograph, ``camera.extrinsic`` (16 nu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,11 +22,10 @@ from ia_bench.readers.pictures import Encoding, Photo, expect_size, true_map
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
 from ia_bench.scenes.photograph import read_values
-from ia_bench.scenes.scene import Camera, Scene, View
+from ia_bench.scenes.scene import FROM_Y_UP, Camera, Scene, View
 
 VALIDATION = (9, 18, 30, 41, 50, 62, 73, 82, 94)  # of the paper's configuration for the synthetic scenes
 POSED = 2  # ``flg`` of a photograph with a pose
-UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # the mesh file has +y up, the cameras +z
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,18 +53,19 @@ class NeilfReader(FolderReader):
         keys = sorted((key for key in _at(path, content, "image_path", "file_paths") if str(key).isdecimal()), key=int)
         held_out = {place % len(keys) for place in self.validation} if keys else set()
 
-        def views(places: Sequence[int]) -> list[View]:
+        def views(places: Sequence[int]) -> Iterator[View]:
             tracked = [(keys[place], _at(path, content, "camera_track_map", "images", keys[place], "flg")) for place in places]
-            return [self._view(path, content, key, middle, size) for key, flag in tracked if flag == POSED]
+            return (self._view(path, content, key, middle, size) for key, flag in tracked if flag == POSED)
 
         train = [self.view(view) for view in views([place for place in range(len(keys)) if place not in held_out])]
-        seen = views(self.kept(sorted(held_out)))
+        seen = list(views(self.kept(sorted(held_out))))
         test = novel = [self.view(view) for view in seen]
         if truth:
             test = [self.view(self._with_truth(materials, view)) for view in seen]
         shift, own = np.eye(4), inputs / "model" / "mesh.obj"
         shift[:3, 3] = -middle
-        place = np.diag([1 / size, 1 / size, 1 / size, 1.0]) @ shift @ (np.eye(4) if self.mesh else UPRIGHT)
+        upright = np.eye(4) if self.mesh else FROM_Y_UP  # its own has +y up, the cameras +z
+        place = np.diag([1 / size, 1 / size, 1 / size, 1.0]) @ shift @ upright
         scene = self.scene(train=train, test=test, novel=novel, mesh=own if own.is_file() else None, place=place)
         return replace(scene, metallic=(materials / "metallic").is_dir())
 

@@ -18,7 +18,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json
 from ia_bench.readers.base import FolderReader, expect_every
 from ia_bench.readers.cameras import (
-    Frame,
+    NamedFrame,
     camera,
     expect_each_once,
     expect_size_of,
@@ -57,7 +57,7 @@ class NerfstudioReader(FolderReader):
         test = [self._view(*frame, notes, sizes) for frame in self.kept(held_out)]
         return self.scene(train=train, test=test, novel=test, notes=notes)
 
-    def _splits(self, notes: list[str]) -> tuple[list[Frame], list[Frame]]:
+    def _splits(self, notes: list[str]) -> tuple[list[NamedFrame], list[NamedFrame]]:
         """The frames to fit and the frames that are held out."""
         path = self.folder / WHOLE
         if not path.is_file():

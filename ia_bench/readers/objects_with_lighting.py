@@ -46,11 +46,11 @@ class ObjectsWithLightingReader(FolderReader):
         if not numbers:
             raise InputError(f"{inputs}: expected photographs image_0000.png, image_0001.png, ..., found none")
         exposure = _exposure(file_below(inputs, "exposure.txt", str(inputs)))
-        train = [self.view(self._view("inputs/", one, exposure)) for one in numbers]
+        train = [self.view(self._view("inputs/", one, exposure, f"inputs_{one}")) for one in numbers]
         novel, lights = list[View](), dict[str, np.ndarray]()
         for one in self.kept(sorted(path.stem.removeprefix("gt_image_") for path in folder.glob("gt_image_*.png"))):
             stops = _exposure(file_below(folder, f"gt_exposure_{one}.txt", str(folder)))
-            novel.append(self.view(self._view("gt_", one, stops, light=f"gt_{one}")))
+            novel.append(self.view(self._view("gt_", one, stops, f"gt_{one}", light=f"gt_{one}")))
             if truth:
                 lights[f"gt_{one}"] = read_light(file_below(folder, f"gt_env_512_rotated_{one}.hdr", str(folder)))
         own = folder / "env_512_rotated.hdr"
@@ -58,7 +58,7 @@ class ObjectsWithLightingReader(FolderReader):
             lights["train"] = read_light(own)
         return self.scene(train=train, novel=novel, truth=Truth(lights) if truth else None)
 
-    def _view(self, before: str, place: str, stops: float, light: str = "train") -> View:
+    def _view(self, before: str, place: str, stops: float, name: str, light: str = "train") -> View:
         path, mask, numbers = (
             file_below(self.folder, f"{before}{kind}_{place}.{suffix}", str(self.folder))
             for kind, suffix in (("image", "png"), ("mask", "png"), ("camera", "txt"))
@@ -66,7 +66,7 @@ class ObjectsWithLightingReader(FolderReader):
         camera = _camera(numbers)
         photo = tone_mapped(path, mask, lambda stored: stored**GAMMA * 2.0**-stops)
         expect_size(path, photo.mask.shape, (camera.height, camera.width), str(numbers))
-        return photo.view(f"{before.strip('/')}_{place}".replace("gt__", "gt_"), camera, light)
+        return photo.view(name, camera, light)
 
 
 def _camera(path: Path) -> Camera:

@@ -74,12 +74,12 @@ class OpenIlluminationReader(FolderReader):
         notes, place = list[str](), self.folder / "output"
         frames = {split: frames_of(place / f"transforms_{split}.json") for split in ("train", "test")}
         expect_each_once(photographs([*frames["train"], *frames["test"]]))
-        read = [self._view(*frame, "train", self.pattern, notes) for frame in frames["train"]]
+        read = [self.view(self._view(*frame, "train", self.pattern, notes)) for frame in frames["train"]]
         flip = self.axes == "opencv" or (self.axes == "auto" and share_away(read) > 0.5)
         if self.axes == "auto":
             axes = "OpenCV" if flip else "OpenGL"
             notes.append(f"transform_matrix read with the axes of {axes}: the cameras look at the object so")
-        train = [self.view(_turned(view, flip)) for view in read]
+        train = [_turned(view, flip) for view in read]
         test, novel = list[View](), list[View]()
         for frame in self.kept(frames["test"]):
             test.append(self.view(_turned(self._view(*frame, "test", self.pattern, notes), flip)))

@@ -6,6 +6,7 @@ we do (:mod:`ia_bench.light.latlong`): row 0 is +z (up), the middle column is +x
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, user_path
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_light
-from ia_bench.scenes.photograph import IGNORED, read_mask, read_photograph, read_values
+from ia_bench.scenes.photograph import IGNORED, REDUCED, read_mask, read_photograph, read_values
 from ia_bench.scenes.scene import Camera, Truth, View
 
 Encoding = Literal["srgb", "linear"]
@@ -82,8 +83,8 @@ def photograph(path: Path, mask: Path | None, notes: list[str]) -> Photo:
     ``mask`` is a file of its own, None where the picture's alpha is the mask. Raises InputError where there is neither.
     """
 
-    def notice(note: str) -> None:  # a colour profile that all photographs share is one note
-        notes.append(note.removeprefix(f"{path}: its ") if note.endswith(IGNORED) else note)
+    def notice(note: str) -> None:  # what all photographs share is one note
+        notes.append(note.removeprefix(f"{path}: its ") if note.endswith((IGNORED, REDUCED)) else note)
 
     image, coverage = read_photograph(path, mask, upright=False, notice=notice)
     if mask is None and coverage.min() >= 1:
@@ -97,12 +98,12 @@ def recorded_exposure(path: Path) -> float | None:
     """Seconds x ISO speed / F-number squared, by which a photograph multiplies radiance; None where its EXIF lacks one of them."""
     if path.suffix.lower() == ".exr":
         return None
-    with Image.open(path) as picture:
-        record = picture.getexif().get_ifd(ExifTags.IFD.Exif)
     keys = ExifTags.Base.ExposureTime, ExifTags.Base.ISOSpeedRatings, ExifTags.Base.FNumber
     try:
+        with Image.open(path) as picture:
+            record = picture.getexif().get_ifd(ExifTags.IFD.Exif)
         time, speed, stop = (float(np.ravel(record[key])[0]) for key in keys)
-    except (KeyError, IndexError, TypeError, ValueError, ZeroDivisionError):
+    except (KeyError, IndexError, TypeError, ValueError, ZeroDivisionError, SyntaxError, struct.error):  # of damaged ones, too
         return None
     sound = all(0 < value < float("inf") for value in (time, speed, stop))
     return time * speed / stop**2 if sound else None

@@ -19,7 +19,7 @@ from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.files import file_below
 from ia_bench.light.environment import turned
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import Frame, camera, frames_if_there, frames_of, text
+from ia_bench.readers.cameras import NamedFrame, camera, frames_if_there, frames_of, text
 from ia_bench.readers.contract import MESHES
 from ia_bench.readers.pictures import photograph, true_map
 from ia_bench.scenes.exr import read_light
@@ -83,7 +83,7 @@ class StanfordOrbReader(FolderReader):
         train = [self.view(self._view(self.label, *frame, notes)) for frame in frames_of(own / "transforms_train.json")]
         held_out = [self._view(self.label, *frame, notes) for frame in self.kept(frames_of(own / "transforms_test.json"))]
         seen, albedo = [self.view(view) for view in held_out], self._truths / self.label / "pseudo_gt_albedo"
-        tested = self.told(held_out, *(lambda view, end=end: albedo / f"{view.name}{end}" for end in (".png", ".npy")))
+        tested = self.with_true_albedo(held_out, *(lambda view, end=end: albedo / f"{view.name}{end}" for end in (".png", ".npy")))
         test = [self.view(self._with_truth(view) if truth else view) for view in tested]
         lights: dict[str, np.ndarray] = {}
         for where, frame in self.kept(self._novel_frames()):
@@ -102,7 +102,7 @@ class StanfordOrbReader(FolderReader):
         mesh, known = scanned if scanned.is_file() else None, Truth(lights) if truth else None
         return self.scene(train=train, test=test, novel=seen, truth=known, notes=notes, mesh=mesh)
 
-    def _novel_frames(self) -> list[Frame]:
+    def _novel_frames(self) -> list[NamedFrame]:
         return frames_if_there(self._place / self.label / "transforms_novel.json")
 
     def _view(self, capture: str, where: str, frame: Mapping[str, Any], notes: list[str]) -> View:

@@ -43,7 +43,7 @@ class Synthetic4RelightReader(FolderReader):
         train = [self.view(self._view(*frame, "_rgb.exr", notes)) for frame in frames_of(folder / "transforms_train.json")]
         test, novel = list[View](), list[View]()
         held_out = frames_if_there(folder / "transforms_test.json")
-        tested = self.told(held_out, lambda frame: folder / f"{frame[1].get('file_path')}_albedo.png")
+        tested = self.with_true_albedo(held_out, lambda frame: folder / f"{frame[1].get('file_path')}_albedo.png")
         for where, frame in self.kept(held_out):
             view = self._view(where, frame, "_rgba.png", notes)
             if (where, frame) in tested:

@@ -61,7 +61,7 @@ class ViewFolders(FolderReader):
         if len(lit) < len(held_out):
             without = f"{len(held_out) - len(lit)} of {len(held_out)} held-out views have no photograph"
             notes.append(f"{without} {self.photographs[0]} and are left out")
-        tested = self.told(lit, lambda folder: folder / "albedo.png")
+        tested = self.with_true_albedo(lit, lambda folder: folder / "albedo.png")
         for folder in self.kept(lit):
             view = self._view(folder, self._photo(folder), notes)
             novel.append(self.view(view))

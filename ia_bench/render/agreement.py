@@ -15,16 +15,15 @@ import torch
 from ia_bench.common.errors import InputError
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.rays import RayCaster, make_rays
-from ia_bench.scenes.scene import CONVENTIONS, Scene, View
+from ia_bench.scenes.scene import CONVENTIONS, FROM_Y_UP, Scene, View
 
 VIEWS = 8
 SIDE = 64  # pixels of the larger side, at most: larger images are looked at in blocks
 GOOD, LEAST = 0.9, 0.3
-Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # turns +y into +z
 MISTAKES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     **{f"transform_matrix taken as {what}": mended for what, mended in CONVENTIONS.items()},
-    "the mesh taken as one with +y up": lambda matrix: Y_UP.T @ matrix,
-    "the cameras taken as those of a world with +y up": lambda matrix: Y_UP @ matrix,
+    "the mesh taken as one with +y up": lambda matrix: FROM_Y_UP.T @ matrix,
+    "the cameras taken as those of a world with +y up": lambda matrix: FROM_Y_UP @ matrix,
 }
 """Conventions of others: what would have to be done to a camera for it to be in ours."""
 

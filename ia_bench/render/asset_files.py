@@ -26,10 +26,10 @@ from ia_bench.render.indirect import Atlas
 from ia_bench.render.reconstruction import Assets
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import read_light
-from ia_bench.scenes.scene import Mesh
+from ia_bench.scenes.scene import FROM_Y_UP, Mesh
 
 Up = Literal["y", "z"]
-TO_Z_UP: dict[Up, np.ndarray] = {"z": np.eye(4), "y": np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])}
+TO_Z_UP: dict[Up, np.ndarray] = {"z": np.eye(4), "y": FROM_Y_UP}
 """By the axis of a file that points up: what turns it into ours, a rotation about +x."""
 ROUGHNESS = 0.5
 """What renders take where nobody knows the roughness."""
@@ -85,7 +85,7 @@ def read_asset(
 
 
 def moved(asset: Assets, matrix: np.ndarray) -> Assets:
-    """The asset where a ``matrix`` (4, 4) moves it, its light turned by the rotation that is nearest to it."""
+    """The asset where a ``matrix`` (4, 4) moves it, its light turned, or mirrored, by the orthogonal matrix nearest to it."""
     mesh, linear = asset.mesh, matrix[:3, :3]
     left, _, right = np.linalg.svd(linear)
     place = Mesh(

@@ -110,8 +110,11 @@ def _gltf(path: Path, note: Note) -> tuple[list[Part], dict[str, Surface]]:
         text += b" " * (-len(text) % 4)
         text = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON") + text + rest
     parts, surfaces = [], dict[str, Surface]()
-    if used := sorted({IGNORED[key] for material in materials for key in IGNORED if key in material}):
-        note(f"{path.name}: {', '.join(used)} left out: materials here have base colour, roughness and metallic")
+    used = {IGNORED[key] for material in materials for key in IGNORED if key in material}
+    used |= {"transparency" for material in materials if material.get("alphaMode", "OPAQUE") != "OPAQUE"}
+    used |= {"light of its own" for material in materials if any(material.get("emissiveFactor", ()))}
+    if used:
+        note(f"{path.name}: {', '.join(sorted(used))} left out: materials here have base colour, roughness and metallic")
     for mesh, matrix, normals in placed_parts(parsed_by_trimesh(path, text)):
         material = getattr(mesh.visual, "material", None)
         name = str(getattr(material, "name", len(materials) - 1))
@@ -218,7 +221,7 @@ def _obj(path: Path, note: Note) -> tuple[list[Part], dict[str, Surface]]:
 def _material_file(path: Path) -> Path | None:
     """The file that ``mtllib`` names; None without such a line. Raises InputError where it is not there."""
     with path.open(encoding="utf-8", errors="replace") as lines:
-        name = next((line.strip()[7:].strip() for line in lines if line.startswith("mtllib ")), None)
+        name = next((line.strip()[7:].strip() for line in lines if line.startswith(("mtllib ", "mtllib\t"))), None)
     return None if name is None else file_below(path.parent, name, f"{path}: mtllib")
 
 
@@ -227,7 +230,7 @@ def _mtl(path: Path) -> dict[str, dict[str, str]]:
     found: dict[str, dict[str, str]] = {}
     lines: dict[str, str] = {}
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        key, _, rest = line.strip().partition(" ")
+        key, _, rest = line.strip().replace("\t", " ").partition(" ")
         if key == "newmtl":
             lines = found.setdefault(" ".join(rest.split()), {})
         elif key and not key.startswith("#"):
@@ -273,7 +276,8 @@ def _mtl_surface(path: Path, name: str, said: Mapping[str, str], note: Note) -> 
         raise InputError(f"{where}: expected an albedo, map_Kd or Kd, found neither")
     if albedo is not None and colour is not None and (colour != 1).any():
         note(f"{where}: map_Kd is taken for the albedo as it is, and Kd {said['kd']} beside it left out")
-    for key, what in (("norm", "normal map"), ("bump", "normal or bump map"), ("map_bump", "normal or bump map")):
+    ignored = {"norm": "normal map", "bump": "normal or bump map", "map_bump": "normal or bump map"}
+    for key, what in (ignored | {"map_d": "transparency", "map_ke": "light of its own"}).items():
         if key in said:
             note(f"{where}: its {what} ({key}) is left out: materials here have albedo, roughness and metallic")
     packed = image("map_ks") if "bsdf" in said else None

@@ -180,13 +180,15 @@ class SurfaceInterpolator:
         position = torch.from_numpy(mesh.vertices)[corners]
         normal = torch.from_numpy(mesh.normals)[corners]
         uv = torch.from_numpy(mesh.uv)[corners]
-        geometric = torch.linalg.cross(position[:, 1] - position[:, 0], position[:, 2] - position[:, 0])
         self.device = device
         self._vectors = torch.cat([position, normal], 1).to(device)  # (F, 6, 3)
         self._uv = uv.contiguous().to(device)
-        self.geometric = normalize(geometric).to(device)
-        extent = position.reshape(-1, 3)
-        self.offset = 1e-4 * float((extent.amax(0) - extent.amin(0)).norm())
+        places = position.reshape(-1, 3)
+        extent = float((places.amax(0) - places.amin(0)).norm())
+        self.offset = 1e-4 * extent
+        unit = 2.0 ** -round(math.log2(extent)) if extent > 0 else 1.0  # areas of a scene in small units would underflow
+        edges = unit * (position[:, 1:] - position[:, :1])
+        self.geometric = normalize(torch.linalg.cross(edges[:, 0], edges[:, 1])).to(device)
         self.points = self.bent_normals = 0
 
     @cached_property

@@ -131,7 +131,7 @@ def shade(
     coat: wp.array(dtype=float), coat_side: int, diffuse: wp.array(dtype=wp.vec3), specular: wp.array(dtype=wp.vec3),
     mirrored: wp.array(dtype=wp.vec3), albedos: wp.array(dtype=wp.vec3),
 ):  # fmt: skip
-    """Sum the weighted samples of a point. A side of 0 stands for a texture, an atlas or a table that there is not.
+    """Sum the weighted samples of a point. A side of 0 means that there is no such texture, atlas or table.
 
     ``seen`` says which row of ``leaving`` each direction by the BRDF ends on, -1 for none, and ``firsts``, if it is there, which
     row of ``arriving`` is the first of the atlas for a point. ``steady``, if it is there, is irradiance that no sample estimates.

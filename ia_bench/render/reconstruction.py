@@ -147,7 +147,7 @@ class TexturedReconstruction:
         return self._stage.mesh
 
     @classmethod
-    def of(cls, assets: Assets, stage: Stage, turning: TurningLight | None = None) -> TexturedReconstruction:
+    def of(cls, assets: Assets, stage: Stage, turning: TurningLight | None = None, coat: str = "layered") -> TexturedReconstruction:
         """What assets hold, on a stage of their mesh; ``turning``: how their light does."""
 
         def texture(image: np.ndarray) -> Tensor:
@@ -156,7 +156,7 @@ class TexturedReconstruction:
         metallic = None if assets.metallic is None else texture(assets.metallic)
         light = None if assets.light is None else texture(assets.light)
         material = Material(texture(assets.albedo), texture(assets.roughness), metallic)
-        return cls(stage, material, light, assumed=assets.assumed, turning=turning)
+        return cls(stage, material, light, coat=coat, assumed=assets.assumed, turning=turning)
 
     def maps(self, cameras: Sequence[Camera], names: Collection[str], *, points: int) -> dict[str, Images]:
         """See :meth:`Reconstruction.maps`."""

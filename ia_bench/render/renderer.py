@@ -20,7 +20,7 @@ from ia_bench.render.turns import TURNS, Bounced, in_the_light, spread_turns, tu
 
 CHUNK = 4096  # pixels at a time where no gradient is needed ...
 PASS_SAMPLES = 128  # ... with at most this many samples, in as many passes as will do
-MET_BYTES = 512 * 2**20  # of what directions by the BRDF meet, kept between pictures
+RAY_CACHE_BYTES = 512 * 2**20  # of a BrdfRayCache
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class BrdfRayCache:
     """What the directions by the BRDF meet in a picture: the same under every light, so it is traced once and kept.
 
     Pictures that share it must have everything else in common: views, samples, roughness, and the generator's seed. What does
-    not fit into MET_BYTES is traced again for each.
+    not fit into RAY_CACHE_BYTES is traced again for each.
     """
 
     def __init__(self) -> None:
@@ -97,7 +97,7 @@ class BrdfRayCache:
         """Keep what the pass that was not known has found."""
         if self._next > len(self._passes):
             size = blocked.nbytes + (0 if seen is None else seen.nbytes)
-            fits = self._bytes + size <= MET_BYTES
+            fits = self._bytes + size <= RAY_CACHE_BYTES
             self._bytes += size if fits else 0
             self._passes.append((blocked.clone(), seen) if fits else None)
 

@@ -28,9 +28,9 @@ class RenderSettings:
     """How much work one pixel gets.
 
     Attributes:
-        samples: Light-plus-BRDF samples per pixel in an optimisation step. The lattices want whole numbers: each half of the
-            crossed loss (all, of the L1) is rounded to the nearest multiple of twice the G-buffer points of a pixel, at least
-            one; ``counters.samples_per_pixel`` of metrics.json says how many were taken.
+        samples: Directions per pixel in an optimisation step, half of them drawn by the light and half by the BRDF. The
+            dual-buffer loss splits them into two estimates, each rounded to a multiple of twice the points of a pixel;
+            ``counters.samples_per_pixel`` of metrics.json says how many were taken.
         subsamples: G-buffer points along one side of a pixel (2 means 2 x 2) or "auto".
         texture: Side of the material textures in texels or "auto".
         light_height: Rows of the lat-long light (it has twice as many columns) or "auto".
@@ -41,9 +41,8 @@ class RenderSettings:
             "added", both get all of it, as in the paper's equation 2.
         metallic: Whether a metallic texture is recovered too; "auto" where the scene's description says that parts are metal, or,
             if it says nothing, where two short fits find that photographs ask for it (:mod:`ia_bench.methods.two_stage.metal`).
-        control_variate: Take the noise of diffuse light away that the bake of indirect light can tell, where there is one and the
-            light stands still
-            (:mod:`ia_bench.render.control`).
+        control_variate: Whether diffuse light is estimated with a control variate, which removes most of its noise
+            (:mod:`ia_bench.render.control`). It needs bounces, and a light that does not turn.
     """
 
     samples: Number = 32

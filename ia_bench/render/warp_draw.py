@@ -114,9 +114,9 @@ def draw(
 
     ``texels`` says where a direction ends in the light, -1 below the horizon and where the camera sees nothing. ``terms`` holds
     the cosine, the lobe's value and its slope in alpha, each times the balance heuristic's weight
-    1 / (n_light p_light + n_brdf p_brdf), and the lobe's grazing part. ``boosts`` is the weight that a direction by the BRDF would
-    have if there were no others, over that. A lattice may be dealt out to several ``parts``: this one takes every such entry of
-    each point. ``alphas`` (N,) is a place to work in.
+    1 / (n_light p_light + n_brdf p_brdf), and the lobe's grazing part. ``boosts`` is the factor from the
+    weight of a direction by the BRDF to the one that it would have alone, for what it sees of the object. A lattice may be dealt
+    out to several ``parts``: this one takes every such entry of each point. ``alphas`` (N,) is a place to work in.
     """
     item = first + wp.tid()
     total = normals.shape[0]

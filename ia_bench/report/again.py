@@ -17,10 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from ia_bench.common.errors import InputError
-from ia_bench.report.collect import HASH_DIGITS, Record
+from ia_bench.report.collect import HASH_DIGITS, Record, read_run
 from ia_bench.runs.composition import compose
 from ia_bench.runs.identity import hash_of, identity
-from ia_bench.runs.record import RunRecord
 from ia_bench.scores.metrics import MEASURED, Metric
 
 OTHERS = 0.1
@@ -57,6 +56,8 @@ def overrides_of(run: Record) -> list[str]:
     """The settings of a published run. Raises InputError where they are not recorded."""
     if not run.get("command"):
         raise InputError("its runs.csv does not hold the command line, as a report of this version does")
+    if run.get("rescored_from_config_hash"):
+        raise InputError(f"it was scored again, under {run.get('protocol')}, which its command line does not do")
     overrides = shlex.split(run["command"])
     if run.get("threads") and not any(text.startswith("threads=") for text in overrides):
         overrides.append(f"threads={run['threads']}")
@@ -75,9 +76,11 @@ def repeat(run: Record) -> Repeated:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             return Repeated(run, {}, f"it fails now: {(done.stderr.strip() or 'without a word').splitlines()[-1]}")
-        record = RunRecord.read(Path(place, "run"))
+        again = read_run(Path(place, "run"))
+    if run.get("protocol", "unknown") not in ("unknown", again["protocol"]):
+        return Repeated(run, {}, f"it was scored under {run['protocol']}, and is scored under {again['protocol']} now")
     known = {metric: run[metric.column] for metric in MEASURED if run.get(metric.column) is not None}
-    found = {metric: record.score(metric.key) for metric in known}
+    found = {metric: again[metric.column] for metric in known}
     scores = {metric: (old, math.nan if (new := found[metric]) is None else new) for metric, old in known.items()}
     changed = f"its identity is {now} now, not {run['config_hash']}: settings, weights or scene are others"
     return Repeated(run, scores, changed="" if now == run["config_hash"] else changed)

@@ -19,6 +19,7 @@ Columns of :class:`Runs`, empty where a run has none (None for a text, NaN for a
     folder                  where it lies; of a published run, the runs.csv
     reasons                 metric key -> why its score is undefined
     curve, curve_problem    error against run time, and why it cannot be read
+    record, setup           what its folder holds of it; of a published run, nothing
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from ia_bench.common.files import shown
 from ia_bench.common.settings import parsed
 from ia_bench.report.curves import read_curve
 from ia_bench.runs.folder import CURVE
-from ia_bench.runs.record import CHANGED, METRICS_FILE, RunRecord, RunSetup, row_seconds
+from ia_bench.runs.record import CHANGED, RunRecord, RunSetup, row_seconds
 from ia_bench.scores.metrics import MEASURED, METRIC_OF
 
 Runs: TypeAlias = pd.DataFrame
@@ -56,7 +57,7 @@ CELL = ("row", "scene", "seed")
 MADE = ("preset", "command", "commit", "clean", "cpu", "config_hash")  # what says how a run was made
 TEXTS = ("row", "scene", "problem", "protocol", "sees_truth", "capture", *MADE)
 WHOLE = ("seed", "photographs", "threads", "peak_memory_bytes", "rays", "network_calls")
-KEPT = ("folder", "reasons", "curve", "curve_problem")  # never written
+KEPT = ("folder", "reasons", "curve", "curve_problem", "record", "setup")  # never written
 SCORES = tuple(metric.column for metric in MEASURED)
 SPENT = ("seconds", "cpu_seconds")
 TIMES, RESCORED = "seconds_", "rescored_from_"  # what the columns of phases, and of the run behind a new score, begin with
@@ -117,13 +118,15 @@ def read_run(folder: Path) -> Record:
     """Read one run folder. A record that is broken makes the run a failed one without a cell."""
     try:
         record = RunRecord.read(folder)
-    except FileNotFoundError:
-        return {"folder": folder, "problem": f"{folder / METRICS_FILE}: expected a run's record, found none"}
     except InputError as error:
         return {"folder": folder, "problem": str(error)}
-    environment, setup = record.environment, setup_of(folder)
+    environment, setup = record.environment, None
+    with suppress(InputError):  # where it holds no configuration
+        setup = RunSetup.read(folder)
     found = {
         "folder": folder,
+        "record": record,
+        "setup": setup,
         "row": record.row,
         "scene": record.scene,
         "seed": record.seed,
@@ -133,7 +136,7 @@ def read_run(folder: Path) -> Record:
         "threads": record.threads,
         "commit": environment.get("commit"),
         "clean": record.clean if environment.get("commit") else None,
-        "cpu": environment.get("cpu"),
+        "cpu": cpu if isinstance(cpu := environment.get("cpu"), str) else None,
     }
     with suppress(ValueError):  # quotes without an end, in somebody else's
         given = [] if setup is None else shlex.split(setup.command)[2:]
@@ -142,7 +145,8 @@ def read_run(folder: Path) -> Record:
         found["capture"] = setup and parsed(CaptureSettings, setup.config.get("capture", {})).label
     if record.status == "failed":
         return {**found, "problem": record.error}
-    variants = {**record.variants, "geometry": {name: value for name, value in record.geometry.items() if name != "reasons"}}
+    shape = {name: value for name, value in record.geometry.items() if name != "reasons"}
+    variants: dict[str, dict[str, Any]] = {**record.variants, "geometry": shape}
     views, lpips = record.capture.get("views"), record.protocol_description.get("lpips")
     net = f"lpips.net={lpips.get('net', 'unknown') if isinstance(lpips, dict) else 'unknown'}"
     found |= {
@@ -215,7 +219,7 @@ def _value_of(column: str, text: str) -> tuple[Any, str]:
     if column in TEXTS or column.startswith((RESCORED, DECLARED)):
         return text, ""
     try:
-        number = float(text)
+        number = int(text) if column in WHOLE and text.lstrip("-").isdecimal() else float(text)
     except ValueError:
         number = math.nan
     if column in WHOLE:
@@ -236,14 +240,6 @@ def reason_of(reasons: Mapping[str, str] | None, key: str) -> str:
 def finished(runs: Runs) -> Runs:
     """The runs that did not fail."""
     return runs[runs["problem"].isna()]
-
-
-def setup_of(folder: Path) -> RunSetup | None:
-    """What the run of a folder was asked for; None where it holds no configuration."""
-    try:
-        return RunSetup.read(folder)
-    except InputError:
-        return None
 
 
 def reasons_text(run: Mapping[str, Any]) -> str:

@@ -11,8 +11,8 @@ import pandas as pd
 
 from ia_bench.common.settings import flat
 from ia_bench.report.blocks import Block, block
-from ia_bench.report.collect import NOT_SCORED, Collection, Runs, finished, name_of, reason_of, setup_of
-from ia_bench.report.seconds import WORTH_METRICS, Compared, Timing, compared, seconds_table, timing
+from ia_bench.report.collect import NOT_SCORED, Collection, Runs, finished, name_of, reason_of
+from ia_bench.report.seconds import WORTH_METRICS, Compared, Timing, compared, points, seconds_table, timing
 from ia_bench.report.statistics import Estimate, Paired, Verdict, judge, means, paired, side_by_side
 from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, Printed, counterparts, paper_rows
 from ia_bench.report.worth import Gain, gains
@@ -86,7 +86,8 @@ class Findings:
     @cached_property
     def timing(self) -> Timing | None:
         """What rows cost beside their reference; None where nothing is compared, or took no time."""
-        return timing(self.runs, self.table, self.reference)
+        found = timing(self.runs, self.table, self.reference)
+        return found if found is not None and points(self.runs, found) else None  # photographs alone have no score of these
 
     @cached_property
     def gained(self) -> dict[str, Compared]:
@@ -202,7 +203,8 @@ def analyse(collection: Collection, table: Table | None = None, rows: Sequence[s
     places = {"row": rows.index, "scene": scenes.index}
     runs = runs.sort_values(["row", "scene", "seed"], key=lambda one: one.map(places.get(one.name, int))).reset_index(drop=True)
     known = [row for row in rows if row == table.compared]
-    known += [row for row in rows if row.startswith(f"{table.compared}, ")]  # "none, hull": a row's name may end with its capture
+    if table.compared is not None:
+        known += [row for row in rows if row.startswith(f"{table.compared}, ")]  # "none, hull": a name may end with its capture
     uncurved = runs[runs["curve_problem"].notna()]
     notes = (
         *_mixed_rows(runs),
@@ -225,9 +227,8 @@ def _ordered(first: Sequence[str], found: Iterable[str]) -> tuple[str, ...]:
 def _mixed_rows(runs: Runs) -> list[str]:
     """A sentence for every row whose runs, as far as folders hold their configurations, differ in more than scene and seed."""
     found = []
-    for row, folders in runs.groupby("row", sort=False)["folder"]:
-        setups = [setup for folder in folders.unique() if (setup := setup_of(folder)) is not None]
-        tables = [flat({key: value for key, value in one.identity.items() if key not in OF_EACH_RUN}) for one in setups]
+    for row, setups in runs.groupby("row", sort=False)["setup"]:
+        tables = [flat({key: value for key, value in one.identity.items() if key not in OF_EACH_RUN}) for one in setups.dropna()]
         keys = dict.fromkeys(key for table in tables for key in table)
         values = {key: dict.fromkeys(repr(table[key]) if key in table else "nothing" for table in tables) for key in keys}
         if words := [f"{key} ({', '.join(some)})" for key, some in values.items() if len(some) > 1]:

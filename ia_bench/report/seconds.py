@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ia_bench.report.collect import Record, Runs, finished
-from ia_bench.report.statistics import Paired, Scores, better, holm, side_by_side
+from ia_bench.report.statistics import Paired, ScoresByCell, better, holm, side_by_side
 from ia_bench.report.table import BOUNDS, Entry, Printed, difference_text
 from ia_bench.runs.table import Table, capture_of, crossed_name
 from ia_bench.scores.metrics import METRIC_OF, Metric
@@ -74,7 +74,7 @@ class Clock:
         """The name of a row without its capture."""
         return row.removesuffix(f", {self.capture}") if self.capture else row
 
-    def compared(self, scores: Scores, metric: Metric) -> dict[str, Compared]:
+    def compared(self, scores: ScoresByCell, metric: Metric) -> dict[str, Compared]:
         """Row -> what it is beside the reference.
 
         At equal seconds those scenes and seeds count that the row and every row of the curve have; none for a row whose seconds do
@@ -176,7 +176,7 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
     return Timing(counted, _unequal(measured, counted), tuple(clocks)) if clocks else None
 
 
-def _cost(spent: Scores, row: str, reference: str, stated: Mapping[str, float] | None) -> float | None:
+def _cost(spent: ScoresByCell, row: str, reference: str, stated: Mapping[str, float] | None) -> float | None:
     """Seconds of a row over the reference's; None where they share no run, or the table states no cost of one."""
     if stated is not None:
         return stated[row] / stated[reference] if row in spent and row in stated and reference in stated else None

@@ -40,7 +40,7 @@ mean is zero or has the other sign; ‡ the same within a scene."""
 """What a reader has to know of the table of claims; the same words stand in report.md and on the page."""
 
 OUTCOMES = ("reproduced", "not reproduced", "reproduced alone", "not reproduced alone", "undecided")
-Scores = dict[str, dict[tuple[str, int], float]]
+ScoresByCell = dict[str, dict[tuple[str, int], float]]
 """Row -> (scene, seed) -> score."""
 
 
@@ -161,11 +161,6 @@ class Verdict:
         return f"{'' if self.pairs.scenes.mean() > 0 else 'not '}reproduced{'' if self.survives else ' alone'}"
 
 
-def over_seeds(values: Sequence[float]) -> Estimate | None:
-    """Mean and Student's t interval of repetitions; None for no value."""
-    return over_scenes([values]) if values else None
-
-
 def half_width(values: np.ndarray) -> float | None:
     """Of Student's interval around the mean of independent values; None below two."""
     if len(values) < 2:
@@ -223,16 +218,16 @@ def means(runs: Runs, column: str) -> dict[str, Estimate | None]:
     return {row: over_scenes(values) for row, values in scenes.items()}
 
 
-def side_by_side(runs: Runs, column: str) -> Scores:
+def side_by_side(runs: Runs, column: str) -> ScoresByCell:
     """Row -> (scene, seed) -> value of its finished runs in one column, where it is known."""
     known = finished(runs).dropna(subset=[column]).sort_values(["scene", "seed"])
-    found: Scores = {}
+    found: ScoresByCell = {}
     for row, scene, seed, value in zip(*(known[name].tolist() for name in (*CELL, column)), strict=True):
         found.setdefault(row, {})[scene, seed] = value
     return found
 
 
-def paired(scores: Scores, row: str, reference: str) -> Paired:
+def paired(scores: ScoresByCell, row: str, reference: str) -> Paired:
     """Row minus reference wherever both have a value for the same scene and seed."""
     theirs = scores.get(reference, {})
     pairs: dict[str, dict[int, float]] = {}
@@ -242,8 +237,8 @@ def paired(scores: Scores, row: str, reference: str) -> Paired:
     return Paired(pairs)
 
 
-def better(scores: Scores, row: str, other: str, metric: Metric) -> Paired:
-    """The same, turned so that it is positive where ``row`` is the better one."""
+def better(scores: ScoresByCell, row: str, other: str, metric: Metric) -> Paired:
+    """Differences of ``row`` and ``other`` at the same scenes and seeds, positive where ``row`` is the better one."""
     return paired(scores, row, other) if metric.higher_is_better else paired(scores, other, row)
 
 

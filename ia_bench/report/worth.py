@@ -17,7 +17,7 @@ from scipy.stats import t as student
 
 from ia_bench.report.collect import Record, Runs
 from ia_bench.report.seconds import WORTH_METRICS
-from ia_bench.report.statistics import CONFIDENCE, Paired, Scores, better, half_width, holm, is_small, means, side_by_side
+from ia_bench.report.statistics import CONFIDENCE, Paired, ScoresByCell, better, half_width, holm, is_small, means, side_by_side
 from ia_bench.report.table import BOUNDS, carried_text, p_text, signs_text
 from ia_bench.runs.table import Row, Table, capture_of, crossed_name
 from ia_bench.scores.metrics import METRIC_OF, METRICS, Metric
@@ -72,7 +72,7 @@ class Gain:
 
     @cached_property
     def mean(self) -> float:
-        """Over scenes."""
+        """The mean gain: over scenes, of each scene's mean over seeds."""
         return float(self.pairs.scenes.mean())
 
     @cached_property
@@ -86,7 +86,7 @@ class Gain:
 
         (t(.975) + t(.8)) s / sqrt(n) for n scenes whose means have the standard deviation s; None for a single scene.
         """
-        scenes = [float(seeds.mean()) for seeds in self.pairs.seeds]
+        scenes = self.pairs.scenes
         if len(scenes) < 2:
             return None
         quantiles = student.ppf([0.5 + CONFIDENCE / 2, POWER], len(scenes) - 1)
@@ -100,12 +100,7 @@ class Gain:
     @property
     def alone(self) -> bool:
         """Whether it would be decided only if it stood alone."""
-        return is_small(self.p_value) and not self.survives
-
-    @property
-    def p_value(self) -> float | None:
-        """Of the paired t-test over scenes, or over seeds where there is one scene; None where nothing was repeated."""
-        return self.pairs.p_value
+        return is_small(self.pairs.p_value) and not self.survives
 
     @property
     def text(self) -> str:
@@ -125,7 +120,7 @@ class Gain:
         known = [
             f"{row}: {self.text}{' dB' if self.metric.label == 'PSNR' else ''} over {over}, which has {text(self.beside)}",
             f"{self.outcome}{', decided alone' if self.alone else ''}",
-            self.p_value is not None and f"p = {p_text(self.p_value)}",
+            self.pairs.p_value is not None and f"p = {p_text(self.pairs.p_value)}",
             f"scenes: {len(self.pairs.pairs)}, pairs of runs: {self.pairs.count}",
             self.pairs.signs and f"above zero in {signs_text(self.pairs)}",
             width is not None and f"over other scenes ± {text(width)}",
@@ -171,7 +166,7 @@ def gains(runs: Runs, table: Table) -> list[Gain]:
             found.append(Gain(row.name, table.reference, label, metric, pairs, float(np.mean(beside)), level.mean))
     for metric in METRICS:
         places = [place for place, gain in enumerate(found) if gain.metric == metric]
-        for place, survives in zip(places, holm([found[place].p_value for place in places]), strict=True):
+        for place, survives in zip(places, holm([found[place].pairs.p_value for place in places]), strict=True):
             found[place] = replace(found[place], survives=survives)
     return found
 
@@ -228,7 +223,7 @@ def worth(runs: Runs, table: Table) -> list[Record]:
     return found
 
 
-def _together(scores: Scores, rows: Sequence[str]) -> list[np.ndarray]:
+def _together(scores: ScoresByCell, rows: Sequence[str]) -> list[np.ndarray]:
     """One array (seeds, rows) for every scene, of the seeds that all rows have."""
     cells = [cell for cell in scores.get(rows[0], {}) if all(cell in scores.get(row, {}) for row in rows)]
     scenes = groupby(cells, key=lambda cell: cell[0])

@@ -118,7 +118,7 @@ def write_report(
     shown = [path.relative_to(out).as_posix() for path in pictures if path.suffix == ".png" and path.stem != PARETO]
     groups = [(name, len(list(metrics))) for name, metrics in groupby(METRICS, key=lambda metric: metric.group)]
     texts = {
-        "report.md": _filled("report.md", findings, pictures=shown, **words),
+        "report.md": _filled("report.md", findings, pictures=shown, pareto=any(path.stem == PARETO for path in pictures), **words),
         "table.tex": _filled("table.tex", findings, groups=groups, metrics=METRICS, columns=1 + len(METRICS), **words),
         "runs.csv": _runs_text(findings),
         **{name: csv_text({"protocol": findings.protocol, **one} for one in lines) for name, lines in records.items()},

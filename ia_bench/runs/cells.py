@@ -296,5 +296,5 @@ def _record(folder: Path, written: int) -> RunRecord | None:
     """What a run has recorded; None where it has not, or what lies there is no record."""
     try:
         return RunRecord.read(folder) if written else None
-    except (InputError, FileNotFoundError):
+    except InputError:
         return None

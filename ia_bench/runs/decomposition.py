@@ -105,9 +105,9 @@ def make_prior(name: str, options: Mapping[str, Any], overrides: Sequence[str] =
     prior = registry.create("prior", config.name, config.target, {**config.options, **given})
     check_prior_info(prior)
     if prior.info.sees_truth:
-        raise InputError(f"--prior: {name} needs ground truth, which a photograph does not have")
+        raise InputError(f"prior: {name} needs ground truth, which a photograph does not have")
     if not prior.info.provides:
-        raise InputError(f"--prior: {name} provides nothing to decompose an image into")
+        raise InputError(f"prior: {name} provides nothing to decompose an image into")
     return prior
 
 

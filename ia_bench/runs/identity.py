@@ -54,10 +54,10 @@ def identity(config: RunConfig) -> dict[str, Any]:
     if config.reader.target != NATIVE_READER and config.render.metallic == "auto":
         content["render"]["metallic"] = "by evidence"  # which has changed where scenes do not say it: native ones all do
     for plugin, options in _plugins(config):
-        paths = _files_of(plugin, options)
+        paths, folders = _files_of(plugin, options), _paths_in(options)
         content[plugin.kind] |= {
             "options": _mapped(content[plugin.kind]["options"], partial(_without_path, paths)),
-            "files": [_content(path) for path in paths if plugin.kind != "reader"],
+            "files": [_content(_named_below(path, folders), [path]) for path in paths if plugin.kind != "reader"],
             "code": registry.foreign_code(plugin.kind, plugin.name, plugin.target),
         }
     content["scene"] = {"name": config.scene.name, "content": scene_content(config.scene, config.reader)}
@@ -165,7 +165,7 @@ def _deciding(settings: Any) -> Any:  # noqa: ANN401 (a dataclass, or a value in
 
 
 def _mapped(value: Any, change: Callable[[str], str]) -> Any:  # noqa: ANN401 (JSON)
-    """JSON with every text in it changed, keys but for."""
+    """JSON with ``change`` applied to every text that is a value; keys stay as they are."""
     if isinstance(value, Mapping):
         return {key: _mapped(part, change) for key, part in value.items()}
     if isinstance(value, list | tuple):
@@ -184,6 +184,11 @@ def _path_in(text: str, paths: Collection[Path] = ()) -> Path | None:
         return path if known or os.sep in text and path.is_dir() else None
     except (OSError, ValueError, RuntimeError):  # no name of a file
         return None
+
+
+def _named_below(path: Path, folders: Iterable[Path]) -> Path:
+    """The folder that an option names, below which the name of a file counts: it may say what the file is of."""
+    return next((folder for folder in folders if folder != path and path.is_relative_to(folder)), path)
 
 
 def _without_path(paths: Collection[Path], text: str) -> str:

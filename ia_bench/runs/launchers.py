@@ -173,7 +173,7 @@ class SubmititSlurm(Local):
     """Jobs that submitit hands to Slurm, all that are to be started as one array.
 
     Attributes:
-        cpus: As of :class:`Ray`, with the two after it.
+        cpus: CPUs of a job, which computes on as many threads; ``gpus`` and ``memory_gb`` as in :class:`Ray`.
         minutes: A job's time. One that needs longer is ended with its state saved, which costs its cell an attempt.
         partition: Slurm's partition; null takes the cluster's default.
         account: Who pays; null takes the user's default.

@@ -7,6 +7,7 @@ every file that it wrote. What is read of a pack is somebody else's: sizes beyon
 from __future__ import annotations
 
 import hashlib
+import re
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -80,7 +81,7 @@ def write_pack(folders: Sequence[Path], out: Path, *, authors: str, url: str = "
     content: dict[str, bytes | Path] = {}
     known: set[tuple[str, str, int]] = set()
     for folder in folders:
-        record = read_record(folder)
+        record = RunRecord.read(folder)
         damaged = damaged_file(folder, record)
         if damaged is not None:
             found = "another one" if (folder / damaged).is_file() else "none"
@@ -90,10 +91,12 @@ def write_pack(folders: Sequence[Path], out: Path, *, authors: str, url: str = "
         known.add(label)
         name = f"runs/{slug(record.scene)}/{slug(record.row)}-seed{record.seed}-{record.config_hash[:8]}"
         parts: dict[str, bytes | Path] = {**{file: folder / file for file in record.files}, **_brought(folder)}
-        home = str(Path.home()).rstrip("/")  # names the user; ~ is found again on the same machine
+        homes = sorted({str(Path.home()), str(Path.home().resolve())} - {"/"}, key=len, reverse=True)
         for file in (METRICS_FILE, CONFIG):
             text = (folder / file).read_bytes()
-            parts[file] = text.replace(f"{home}/".encode(), b"~/") if home else text
+            for home in homes:  # it names the user; ~ is found again on the same machine
+                text = re.sub(rb"(?<![\w.~/-])" + re.escape(f"{home}/".encode()), b"~/", text)
+            parts[file] = text
         content |= {f"{name}/{file}": part for file, part in parts.items()}
         digests = {
             file: (digest_of(part) or "") if isinstance(part, Path) else hashlib.sha256(part).hexdigest()
@@ -141,7 +144,7 @@ def problems(run: PackedRun, out: Path) -> list[str]:
     """What of an unpacked run is not as its manifest or its own record says; nothing where all agree."""
     said, folder = list[str](), out / run.folder
     try:
-        recorded = read_record(folder).files
+        recorded = RunRecord.read(folder).files
         RunSetup.read(folder)
     except InputError as error:
         return [str(error).replace(f"{folder}/", "").replace(str(folder), run.folder)]
@@ -153,14 +156,6 @@ def problems(run: PackedRun, out: Path) -> list[str]:
                 f"{file}: expected the hash in the {' and the '.join(where)}, found {'another one' if digest else 'no file'}"
             )
     return said
-
-
-def read_record(folder: Path) -> RunRecord:
-    """The record in a run's folder. Raises InputError where there is none, or something else."""
-    try:
-        return RunRecord.read(folder)
-    except FileNotFoundError:
-        raise InputError(f"{folder}: expected a run's {METRICS_FILE}, found none") from None
 
 
 def check_reader(folder: Path) -> None:

@@ -100,7 +100,7 @@ class RunRecord:
     reasons: dict[str, str] = field(default_factory=dict)
     counts: dict[str, dict[str, int]] = field(default_factory=dict)
     albedo_scales: dict[str, list[float] | None] = field(default_factory=dict)
-    geometry: dict[str, Any] = field(default_factory=dict)
+    geometry: dict[str, float | None | dict[str, str]] = field(default_factory=dict)
     time_s: dict[str, float] = field(default_factory=dict)
     cpu_seconds: Annotated[float, Field(ge=0)] | None = None
     peak_memory_bytes: Count = 0
@@ -127,10 +127,10 @@ class RunRecord:
 
     @classmethod
     def read(cls, folder: Path) -> RunRecord:
-        """The record in a run's folder. Raises FileNotFoundError where there is none, InputError for what is none."""
+        """The record in a run's folder. Raises InputError where there is none, or something else."""
         path = folder / METRICS_FILE
         if not os.path.lexists(path):
-            raise FileNotFoundError(path)
+            raise InputError(f"{folder}: expected a run's {METRICS_FILE}, found none")
         return parsed_file(cls, path, read_json(path), advice="; delete its folder to run again")
 
     def summary(self) -> str:
@@ -194,10 +194,9 @@ class RunSetup:
 
 def finished_record(folder: Path, config_hash: str) -> RunRecord | None:
     """The record in a run's folder if it is of this configuration and of no failure, else None. Takes no lock."""
-    try:
-        record = RunRecord.read(folder)
-    except FileNotFoundError:
+    if not os.path.lexists(folder / METRICS_FILE):
         return None
+    record = RunRecord.read(folder)
     return record if record.status == "ok" and record.config_hash == config_hash else None
 
 

@@ -16,7 +16,7 @@ from ia_bench.common.machine import commit
 from ia_bench.common.progress import Begin, Progress, unseen
 from ia_bench.common.settings import parsed, parsed_file
 from ia_bench.material.textures import Material
-from ia_bench.methods.images import ORDERS, ImagesOptions, Pictures
+from ia_bench.methods.images import ORDERS, BroughtPictures, ImagesOptions
 from ia_bench.methods.info import held_out
 from ia_bench.render.asset_files import read_asset
 from ia_bench.render.reconstruction import ADDED, Reconstruction, TexturedReconstruction
@@ -25,9 +25,9 @@ from ia_bench.render.stage import Stage
 from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import hash_of, protocol_hash, scene_content
-from ia_bench.runs.packs import BROUGHT_PICTURES, ORDER, read_record
-from ia_bench.runs.pictures.packing import write_pictures
-from ia_bench.runs.record import CONFIG, METRICS_FILE, RunSetup
+from ia_bench.runs.packs import BROUGHT_PICTURES, ORDER
+from ia_bench.runs.pictures.packing import write_bundle
+from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
@@ -53,7 +53,7 @@ class Recovered:
 
     def __init__(self, folder: Path) -> None:
         """Raises InputError for a run without results, or whose files lack a key."""
-        self.record = read_record(folder)
+        self.record = RunRecord.read(folder)
         if self.record.status != "ok":
             raise InputError(f"{folder / METRICS_FILE}: expected a finished run, found status {self.record.status!r}")
         self.folder, self.setup = folder, RunSetup.read(folder)
@@ -63,10 +63,10 @@ class Recovered:
         alignment = str(self.record.protocol_description.get("alignment"))
         self.scale = torch.tensor(drawn_scale(self.record.albedo_scales, alignment) or [1.0] * 3)
 
-    def check_scene(self, folder: Path | None = None) -> None:
-        """Raise InputError unless the scene in ``folder``, or where the run found it, is the run's, to the byte.
+    def read_scene(self, folder: Path | None = None, *, whole: bool = False) -> Scene:
+        """The run's scene with its truth, as it was captured, or ``whole``: from ``folder``, or where the run found it.
 
-        Maps fit no other mesh.
+        Raises InputError unless it is the run's scene to the byte: maps fit no other mesh.
         """
         scene = self.config.scene
         if folder is not None:
@@ -76,11 +76,6 @@ class Recovered:
                 f"{self.folder / CONFIG}: expected the files of the run's scene, {scene.name}, found other ones in "
                 f"{scene.path or 'the folders of scenes'}: the run was on another scene, or a file of the scene has changed since"
             )
-
-    def read_scene(self, folder: Path | None = None, *, whole: bool = False) -> Scene:
-        """The run's scene with its truth, as it was captured, or ``whole``. Raises InputError as :meth:`check_scene`."""
-        self.check_scene(folder)
-        scene = self.config.scene if folder is None else replace(self.config.scene, path=str(folder))
         found = read_scene(scene, self.config.reader, truth=True)
         return found if whole else captured(found, self.config.capture, lambda line: None)
 
@@ -108,7 +103,7 @@ class Recovered:
             stage, material, optional("light", 3), coat=coat, assumed=assumed, turning=turning and TurningLight.of_record(turning)
         )
 
-    def pictures(self, scene: Scene) -> Pictures | None:
+    def pictures(self, scene: Scene) -> BroughtPictures | None:
         """The pictures that method=images scored, where a pack has put them into the run's folder; None otherwise."""
         folder = self.folder / BROUGHT_PICTURES
         if self.record.renderer != BROUGHT or not folder.is_dir():
@@ -116,7 +111,7 @@ class Recovered:
         options = {**self.config.method.options, "path": str(folder)}
         if options["order"] not in ORDERS:
             options["order"] = str(folder / ORDER)
-        return Pictures(parsed(ImagesOptions, options), held_out(scene))
+        return BroughtPictures(parsed(ImagesOptions, options), held_out(scene))
 
 
 class Rescorer:
@@ -154,7 +149,7 @@ class Rescorer:
             scores = self.score(run, progress.task).as_dict()
             scale = drawn_scale(scores["albedo_scales"], self.protocol.alignment)
             title = f"{record.scene}, {record.row}, seed {record.seed}"
-            write_pictures(kept, self._scene, self._scorer.drawn, scale, title, progress)
+            write_bundle(kept, self._scene, self._scorer.drawn, scale, title, progress)
             for name in ASSETS:
                 if (folder / name).is_file():
                     with kept.path_for(name) as path:

@@ -97,16 +97,16 @@ def frames_of(views: str, turn: int, mesh: Mesh, scene: Scene | None, size: int)
     if views == STILL:
         return [Frame(_around(mesh, 0.0, size), angle) for angle in turns]
     if scene is None:
-        raise InputError(f"--views: expected {STILL} or {ORBIT} of an asset, which has no photographs, found {views}")
+        raise InputError(f"views: expected {STILL} or {ORBIT} of an asset, which has no photographs, found {views}")
     if views == TEST:
         if not scene.test:
-            raise InputError(f"{scene.source}: expected held-out views for --views {TEST}, found none")
+            raise InputError(f"{scene.source}: expected held-out views for views={TEST}, found none")
         if turn > 1:
-            raise InputError(f"--turn: expected none with --views {TEST}, found {turn}")
+            raise InputError(f"turn: expected none with views={TEST}, found {turn}")
         return [Frame(_sized(view.camera, size)) for view in scene.test]
     known = {view.name: view.camera for view in (*scene.train, *scene.novel, *scene.test)}
     if views not in known:
-        raise InputError(f"--views: {unknown('view', views, [STILL, ORBIT, TEST, *known])}")
+        raise InputError(f"views: {unknown('view', views, [STILL, ORBIT, TEST, *known])}")
     return [Frame(_sized(known[views], size), angle) for angle in turns]
 
 
@@ -140,7 +140,7 @@ def draw(
     return shown, math.log2(gain)
 
 
-def write_pictures(path: Path, pictures: Sequence[np.ndarray], *, seconds: float) -> None:
+def write_animation(path: Path, pictures: Sequence[np.ndarray], *, seconds: float) -> None:
     """Write pictures (H, W, 4) in [0, 1]: an animation of ``seconds``, or below each other where the format shows stills alone.
 
     Raises InputError for pictures that are too large together or differ in size, Fault where no program writes .mp4.

@@ -29,7 +29,7 @@ from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.runs import interruption
 from ia_bench.runs.config import RunConfig, method_of
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.pictures.packing import write_pictures
+from ia_bench.runs.pictures.packing import write_bundle
 from ia_bench.runs.record import RunRecord, row_seconds
 from ia_bench.runs.scene import read_scene, tell, tell_truth
 from ia_bench.scenes.exr import write_exr
@@ -57,7 +57,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
 
     # ---- reconstruct -----------------------------------------------------------------------------------------
     scorer = Scorer(scene, config.protocol, problem.device)
-    record = Record(folder, scorer, costs)
+    record = RunMonitor(folder, scorer, costs)
     result = reconstruct(config.method.name, method, problem, seed=config.seed, monitor=record.monitor(progress))
 
     # ---- score and save --------------------------------------------------------------------------------------
@@ -69,7 +69,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
     with costs.exclude("pictures"):
         scale = drawn_scale(scores.albedo_scales, config.protocol.alignment)
         title = f"{config.scene.name}, {config.row_name}, seed {config.seed}"
-        write_pictures(folder, scene, scorer.drawn, scale, title, progress)
+        write_bundle(folder, scene, scorer.drawn, scale, title, progress)
     asked = problem.prior.info if method.info.uses_prior else PriorInfo(frozenset())
     time_s = {"bake": 0.0, "prior": 0.0, **result.seconds, **costs.seconds, "total": costs.total()}
     declared = result.declared or asked.declared  # of results that were brought, or of predictions, whose fit takes seconds too
@@ -143,7 +143,7 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
     )
 
 
-class Record:
+class RunMonitor:
     """What a run keeps in its folder while a method works: error against run time, checkpoints, and accounts."""
 
     def __init__(self, folder: RunFolder, scorer: Scorer, costs: CostTracker) -> None:
@@ -151,7 +151,7 @@ class Record:
         self._curve: list[dict[str, Any]] = []
 
     def monitor(self, progress: Progress) -> Monitor:
-        """What the method is given of this."""
+        """Through which a method reports progress, scores and checkpoints to this folder."""
 
         def begin(name: str, total: int, done: int = 0) -> ProgressBar:
             self._folder.restoring = False  # a method that goes on has taken over what it loaded

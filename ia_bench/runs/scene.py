@@ -105,5 +105,5 @@ def _true_views(scene: Scene, problem: Problem) -> tuple[View, ...]:
 
 
 def tell_truth(prior: Prior, scene: Scene, problem: Problem) -> Prior:
-    """``prior``, told the truth of the ``scene``, that of the problem, if it wants that; from when it first asks for some."""
+    """``prior``, such that every question carries the scene's truth, made when it first asks, if it wants that."""
     return ToldPrior(prior, cache(lambda: _true_views(scene, problem))) if "truth" in prior.info.wants else prior

@@ -45,7 +45,7 @@ class SceneEntry:
 
     @property
     def overrides(self) -> list[str]:
-        """Of the configuration, which read it."""
+        """The command-line settings by which a run reads this scene."""
         if self == SceneEntry(self.name):
             return [f"scene={self.name}"]
         found = [f"reader={written(self.reader)}", f"scene.name={written(self.name)}"]
@@ -69,7 +69,7 @@ class Row:
 
     Attributes:
         name: What tables call it.
-        overrides: Of the configuration, which make it.
+        overrides: The command-line settings that turn the default run into this row.
         note: What a reader has to know of it.
         paper: The row of the paper's table 1 that it stands for, None for one that the paper has not.
         captures: Labels of those of the table's captures that it is run with, None for all of them.

@@ -13,12 +13,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from ia_bench.common.errors import Fault, InputError
+from ia_bench.common.errors import Fault, InputError, raised
 from ia_bench.common.progress import Progress
 from ia_bench.common.settings import flat
 from ia_bench.runs.identity import hash_of, protocol_hash
-from ia_bench.runs.packs import PackedRun, check_reader, problems, read_record, unpack
-from ia_bench.runs.record import METRICS_FILE
+from ia_bench.runs.packs import PackedRun, check_reader, problems, unpack
+from ia_bench.runs.record import METRICS_FILE, RunRecord
 from ia_bench.runs.recovered import Recovered, Rescorer
 from ia_bench.scores.protocol import Protocol
 
@@ -67,7 +67,7 @@ class Verifier:
         said, name = problems(run, place), run.folder
         state: State = "not scored again"
         try:
-            record = read_record(place / run.folder)
+            record = RunRecord.read(place / run.folder)
             name = f"{record.row}, {record.scene}, seed {record.seed}"
             if record.status != "ok":
                 raise InputError("the run failed")
@@ -80,8 +80,9 @@ class Verifier:
                 self._last = key, Rescorer(key[0], Path(), self._scenes.get(key[1]))
             found = self._last[1].score(recovered, progress.task).as_dict()
             apart, state = differences(asdict(record), found), "verified"
-        except (InputError, Fault) as error:
-            apart = () if said else (str(error).replace(f"{place}/", ""),)
+        except Exception as error:  # what is read of a pack is somebody else's
+            told = str(error) if isinstance(error, InputError | Fault) else raised(error)
+            apart = () if said else (told.replace(f"{place}/", ""),)
         return Verdict(run.folder, name, "differs" if said or (apart and state == "verified") else state, (*said, *apart))
 
 

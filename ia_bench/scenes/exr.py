@@ -143,14 +143,19 @@ def read_rgbe(path: Path) -> np.ndarray:
 
 
 def rgbe(radiance: np.ndarray) -> bytes:
-    """The file of a picture (H, W, 3), cut to 8 bits of each channel, in plain rows."""
+    """The file of a picture (H, W, 3), in plain rows."""
+    return b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % radiance.shape[:2] + rgbe_texels(radiance).tobytes()
+
+
+def rgbe_texels(radiance: np.ndarray) -> np.ndarray:
+    """The nearest RGBE value to each pixel (H, W, 3), linear and not negative: (H, W, 4) uint8."""
     brightest = radiance.max(-1)
-    _, exponents = np.frexp(brightest)  # brightest = f 2^e with f in [.5, 1)
-    scale = np.where(brightest > 0, np.ldexp(256.0, -exponents), 0.0)
+    exponents = np.frexp(brightest)[1]  # brightest = f 2^e with f in [.5, 1)
+    exponents += np.rint(np.ldexp(brightest, 8 - exponents)) > 255  # which rounds up to the next power of 2
     texels = np.zeros((*brightest.shape, 4), np.uint8)
-    texels[..., :3] = np.floor(radiance * scale[..., None]).clip(0, 255)
+    texels[..., :3] = np.rint(np.ldexp(radiance, 8 - exponents[..., None])).clip(0, 255)
     texels[..., 3] = np.where(brightest > 0, exponents + 128, 0).clip(0, 255)
-    return b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % brightest.shape + texels.tobytes()
+    return texels
 
 
 def _row(content: bytes, place: int, row: np.ndarray) -> int:

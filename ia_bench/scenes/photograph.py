@@ -40,6 +40,7 @@ CONVERTED = ("RGB", "RGBA", "P")
 """Modes of Pillow whose colours a profile is applied to: 8 bits of red, green and blue."""
 PROFILE_ROUNDING = 2  # steps of 255 by which a profile of sRGB itself may move a colour
 IGNORED = "is ignored, and sRGB assumed"
+REDUCED = "its 16 bits a channel are read as 8; OpenEXR keeps them"
 
 ALPHA_ROUNDING = 1e-3  # half floats and filters pass 1 by a little
 
@@ -59,7 +60,7 @@ def read_photograph(
     if path.suffix.lower() == ".exr":
         radiance, coverage = _read_linear(path, notice)
     else:
-        values = picture_values(path, in_srgb(path, open_picture(path, upright=upright), notice))
+        values = picture_values(path, in_srgb(path, open_picture(path, upright=upright, notice=notice), notice))
         radiance, coverage = srgb_to_linear(values[..., :3]) * values[..., 3:], values[..., 3]
     if mask is not None:
         chosen = read_mask(mask, upright=upright)
@@ -151,10 +152,10 @@ def greyscale(path: Path, picture: Image.Image) -> np.ndarray:
     return np.asarray(picture.convert("L"), np.float32) / 255
 
 
-def open_picture(path: Path, *, upright: bool = False) -> Image.Image:
+def open_picture(path: Path, *, upright: bool = False, notice: Callable[[str], None] = log.warning) -> Image.Image:
     """A picture that Pillow reads, whole: as it is stored, or turned ``upright`` by its EXIF orientation.
 
-    Raises InputError, naming the file, for what is none.
+    ``notice`` is told where bits are lost. Raises InputError, naming the file, for what is none.
     """
     if not is_file(path):
         raise InputError(f"{shown(path)}: no such image")
@@ -164,17 +165,28 @@ def open_picture(path: Path, *, upright: bool = False) -> Image.Image:
             turn = (
                 AS_STORED.get(file.getexif().get(ExifTags.Base.Orientation, 1)) if file.format == "TIFF" and not upright else None
             )
-            picture = ImageOps.exif_transpose(file) if upright else file.copy()
+            reduced = file.mode not in HIGH_BIT_MODES and ";16" in str(file.tile)
+            picture = _upright(file) if upright else file.copy()
             picture = picture if turn is None else picture.transpose(turn)  # of all formats Pillow turns TIFF while it loads it
     except InputError:  # of the size
         raise
     except (OSError, SyntaxError, ValueError, struct.error, Image.DecompressionBombError) as error:  # as its formats raise them
         raise InputError(f"{path}: expected a picture (PNG, JPEG, TIFF, WebP, ...), found {error}") from None
+    if reduced:
+        notice(f"{path}: {REDUCED}")
     if picture.mode == "F":
         raise InputError(f"{path}: expected whole numbers, found floating point; linear images are read as OpenEXR")
     if picture.mode == "LAB":
         raise InputError(f"{path}: expected red, green and blue, or grey, found the colours of CIE Lab; save it as sRGB")
     return picture
+
+
+def _upright(file: Image.Image) -> Image.Image:
+    """The picture turned as its EXIF asks for, or as it is where that is damaged."""
+    try:
+        return ImageOps.exif_transpose(file)
+    except (SyntaxError, struct.error):
+        return file.copy()
 
 
 # ---------------------------------------------------------------- colour profiles (ICC)

@@ -19,6 +19,9 @@ Array = TypeVar("Array", np.ndarray, "Tensor")
 OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 """Turns OpenCV's axes (+z forward, +y down) into OpenGL's (-z forward, +y up), and back."""
 
+FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+"""Turns +y into +z, which points up here."""
+
 CONVENTIONS: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     "OpenCV's (+z forward, +y down)": lambda matrix: matrix @ OPENCV_AXES,
     "world-to-camera": np.linalg.inv,
@@ -82,7 +85,7 @@ class Camera:
         return column, row, depth
 
     def rays(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """What to add to the camera's position per unit of depth, (..., 3), to be seen at places (...) of the image."""
+        """Directions (..., 3) through places (...) of the image: position + depth * direction is the point at that depth."""
         x, y = (columns - self.centre[0]) / self.focal[0], -(rows - self.centre[1]) / self.focal[1]
         directions: np.ndarray = np.stack([x, y, np.full(np.shape(x), -1.0)], -1) @ self.to_world[:3, :3].T
         return directions

@@ -25,7 +25,7 @@ from ia_bench.render.stage import Stage
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Camera, Mesh, View, farthest_first
 from ia_bench.scores.comparison import Pair
-from ia_bench.scores.metrics import PARTS, Compared, NoScoredPixel, Undefined
+from ia_bench.scores.metrics import ERROR_PARTS, Compared, NoScoredPixel, Undefined
 from ia_bench.scores.protocol import Protocol
 
 WIDTH = 0.05  # of the Gaussian that smooths, over the diagonal of the surface's box
@@ -35,7 +35,7 @@ GAMMA = 2.2  # the power by which encoded values become linear, about
 DARKEST = 1e-6  # a mean below it is not told from black
 
 
-class Shown(NamedTuple):
+class VisibleSurface(NamedTuple):
     """The N pixels of some views whose middle shows a surface.
 
     Attributes:
@@ -51,7 +51,7 @@ class Shown(NamedTuple):
     entry: tuple[np.ndarray, ...]
 
     @classmethod
-    def of(cls, mesh: Mesh, cameras: Sequence[Camera], photographs: Sequence[View], device: torch.device) -> Shown:
+    def of(cls, mesh: Mesh, cameras: Sequence[Camera], photographs: Sequence[View], device: torch.device) -> VisibleSurface:
         """What ``cameras`` see of a mesh, of which there are ``photographs`` of others."""
         stage, entries, count = Stage(mesh, device), [], 0
         parts = []
@@ -84,7 +84,7 @@ class SplitPair(Pair):
         return Compared(self.predicted, self.true, self.mask, parts=self.parts)
 
 
-def split(views: Sequence[Pair], shown: Shown, protocol: Protocol) -> list[SplitPair]:
+def split(views: Sequence[Pair], shown: VisibleSurface, protocol: Protocol) -> list[SplitPair]:
     """The parts of the error of every view of albedo, means over its scored pixels and channels.
 
     Raises Undefined where no view has a scored pixel or the prediction is not finite in one.
@@ -95,7 +95,7 @@ def split(views: Sequence[Pair], shown: Shown, protocol: Protocol) -> list[Split
         raise NoScoredPixel
     if not np.isfinite(predicted).all():
         raise Undefined("the prediction is not finite")
-    seen = np.append(shown.seen, True)[at]  # the last for -1: an edge's pixel, whose middle shows nothing, has seen neighbours
+    seen = np.append(shown.seen, True)[at]  # -1, of an edge's pixel whose middle misses the mesh, reads the last: it counts as seen
     encoded = _encoded(true, protocol)
     before = _encoded(predicted, protocol) - encoded
     after = _encoded(predicted * _factor(predicted[seen], encoded[seen], protocol), protocol) - encoded
@@ -109,8 +109,8 @@ def split(views: Sequence[Pair], shown: Shown, protocol: Protocol) -> list[Split
         "high": after * (after - smooth) * seen[:, None],
     }
     ends = np.cumsum([int(view.mask.sum()) for view in views])[:-1]
-    of_view = {name: [float(part.mean()) if len(part) else 0.0 for part in np.split(squares[name], ends)] for name in PARTS}
-    return [SplitPair(**vars(view), parts={name: of_view[name][i] for name in PARTS}) for i, view in enumerate(views)]
+    of_view = {name: [float(part.mean()) if len(part) else 0.0 for part in np.split(squares[name], ends)] for name in ERROR_PARTS}
+    return [SplitPair(**vars(view), parts={name: of_view[name][i] for name in ERROR_PARTS}) for i, view in enumerate(views)]
 
 
 def _encoded(linear: np.ndarray, protocol: Protocol) -> np.ndarray:

@@ -19,7 +19,7 @@ import numpy as np
 from ia_bench.scenes.images import Images
 from ia_bench.scores import comparison
 from ia_bench.scores.comparison import VARIANTS, Pair, Predictions, pairs, scale, stacked
-from ia_bench.scores.error_split import Shown, split
+from ia_bench.scores.error_split import VisibleSurface, split
 from ia_bench.scores.metrics import (
     COMPONENTS,
     CURVE_METRICS,
@@ -121,7 +121,7 @@ class Scores:
 
 
 def score(
-    predictions: Predictions, truth: Predictions, protocol: Protocol, *, renderer: str = "", shown: Shown | None = None
+    predictions: Predictions, truth: Predictions, protocol: Protocol, *, renderer: str = "", shown: VisibleSurface | None = None
 ) -> Scores:
     """Compute every number of the protocol, and its variants. ``shown``: the surface in the pixels of the albedo's views.
 
@@ -174,7 +174,7 @@ def record_all(
     truth: Predictions,
     metrics: tuple[Metric, ...],
     suffix: str = "",
-    shown: Shown | None = None,
+    shown: VisibleSurface | None = None,
 ) -> dict[str, Views]:
     """Score the components by those of ``metrics`` that belong to each; return what was compared."""
     protocol = scores.protocol
@@ -235,7 +235,7 @@ def _aligned(scores: Scores, alignment: str, albedo: Views, suffix: str = "") ->
     return [replace(view, predicted=view.predicted * factor) for view in albedo]
 
 
-def _split(albedo: Views, shown: Shown | None, protocol: Protocol) -> Views:
+def _split(albedo: Views, shown: VisibleSurface | None, protocol: Protocol) -> Views:
     """The views of albedo with the parts of their error, or why it is not split."""
     if isinstance(albedo, str):
         return albedo

@@ -108,7 +108,7 @@ def psnr(pair: Compared) -> float:
 
 
 def part_of_error(pair: Compared, name: str) -> float:
-    """One of PARTS, a mean over the area's pixels and channels, times 1000; "total" is their sum."""
+    """One of ERROR_PARTS, a mean over the area's pixels and channels, times 1000; "total" is their sum."""
     return 1000 * (sum(pair.parts.values()) if name == "total" else pair.parts[name])
 
 
@@ -320,7 +320,7 @@ def _image_metrics(component: str, group: str) -> tuple[Metric, ...]:
     )
 
 
-PARTS = {"level": "level, cast", "low": "low frequency", "high": "high frequency", "unseen": "unseen"}
+ERROR_PARTS = {"level": "level, cast", "low": "low frequency", "high": "high frequency", "unseen": "unseen"}
 WHERE = "Where the error sits"
 """What the squared error of the albedo is split into, and how it is printed."""
 
@@ -340,7 +340,7 @@ MEASURED = (
     Metric("log_light", "rmse", root_squared_error, "Light", "log RMSE", higher_is_better=False, digits=3),
     *(
         Metric("albedo_error", name, partial(part_of_error, name=name), WHERE, label, higher_is_better=False, digits=2)
-        for name, label in ({"total": "1000 MSE"} | PARTS).items()
+        for name, label in ({"total": "1000 MSE"} | ERROR_PARTS).items()
     ),
 )
 """These, and what stands in metrics.json alone."""

@@ -21,7 +21,7 @@ from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Mesh, Scene, View
 from ia_bench.scores.balls import ball_pictures, log_radiance
 from ia_bench.scores.comparison import Predictions
-from ia_bench.scores.error_split import Shown
+from ia_bench.scores.error_split import VisibleSurface
 from ia_bench.scores.evaluate import REDRAWN, Scores, albedo_scale, record_all, score, score_quick
 from ia_bench.scores.metrics import METRICS, Undefined, check_weights
 from ia_bench.scores.protocol import Protocol
@@ -164,12 +164,12 @@ class Scorer:
         return scores
 
     @cached_property
-    def _shown(self) -> Shown | None:
+    def _shown(self) -> VisibleSurface | None:
         """The true surface in the pixels of the test views; None where it is not known."""
         truth, given = self._scene.truth, None if self._scene.mesh_is_made else self._scene.mesh
         mesh = given if truth is None or truth.mesh is None else truth.mesh
         cameras = [view.camera for view in self._scene.test]
-        return None if mesh is None else Shown.of(mesh, cameras, self._scene.train, self._device)
+        return None if mesh is None else VisibleSurface.of(mesh, cameras, self._scene.train, self._device)
 
     def _geometry(self, recovered: Mesh | None) -> dict[str, Any]:
         """How far the mesh, recovered or made, is from the true one and from the masks; nothing where it is the scene's own."""
@@ -208,7 +208,7 @@ class Scorer:
         )
 
     def _with_light(self, truth: Predictions) -> Predictions:
-        """The same with the light's truth, which curves, and pictures of another renderer, are not compared with."""
+        """The same with pictures of the true training light, which curves, and textures that are drawn again, do not score."""
         light = self._train_light
         return replace(truth, light=_pictures_of(light, ball_pictures), log_light=_pictures_of(light, log_radiance))
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ia_bench.capture.capture import captured, record
-from ia_bench.capture.faults import spread
+from ia_bench.capture.faults import spread_over_directions
 from ia_bench.capture.radiometry import eight_bits, photographed
 from ia_bench.capture.settings import CaptureSettings, SdfSettings, shipped
 from ia_bench.common.errors import InputError
@@ -46,13 +46,13 @@ def widest_gap(views: tuple[View, ...], among: tuple[View, ...]) -> float:
 
 
 def test_views_are_nested_and_spread(tiny: Scene) -> None:
-    names = {count: [view.name for view in spread(tiny.train, count)] for count in (1, 4, 8, 16)}
+    names = {count: [view.name for view in spread_over_directions(tiny.train, count)] for count in (1, 4, 8, 16)}
     assert set(names[1]) < set(names[4]) < set(names[8]) < set(names[16])
     assert names[8] == sorted(names[8])
     assert sorted(farthest_first(tiny.train, np.zeros(3))) == list(range(16))
     random = np.random.default_rng(0)
     gaps = [widest_gap(tuple(tiny.train[i] for i in random.permutation(16)[:4]), tiny.train) for _ in range(200)]
-    assert widest_gap(spread(tiny.train, 4), tiny.train) < np.quantile(gaps, 0.1)
+    assert widest_gap(spread_over_directions(tiny.train, 4), tiny.train) < np.quantile(gaps, 0.1)
 
 
 # ---------------------------------------------------------------- radiometry

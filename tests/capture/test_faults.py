@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ia_bench.capture.capture import captured
-from ia_bench.capture.faults import blurred, misplaced, mistaken_masks, spread
+from ia_bench.capture.faults import blurred, misplaced, mistaken_masks, spread_over_directions
 from ia_bench.capture.radiometry import through_jpeg
 from ia_bench.capture.settings import CaptureSettings, FaultSettings
 from ia_bench.common.errors import InputError
@@ -147,7 +147,7 @@ def pixels_off(views: tuple[View, ...], true: tuple[View, ...], points: np.ndarr
 def test_wrong_poses_of_few_photographs_are_put_right(tiny: Scene, count: int) -> None:
     """What is still wrong after it is less than before, by the true cameras, which nothing that is made knows."""
     faults, notes = FaultSettings(poses=1.0), list[str]()
-    true = spread(tiny.train, count)
+    true = spread_over_directions(tiny.train, count)
     spoiled = tuple(replace(v, camera=camera) for v, camera in zip(true, misplaced(true, faults), strict=True))
     after = captured(tiny, CaptureSettings(views=count, faults=faults, consistency=3), notes.append).train
     points = tiny.expect_mesh().vertices[::20]

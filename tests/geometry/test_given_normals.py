@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from ia_bench.capture.capture import captured
-from ia_bench.capture.faults import spread
+from ia_bench.capture.faults import spread_over_directions
 from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.capture.shapes import given_normals
 from ia_bench.common.errors import InputError
@@ -110,7 +110,7 @@ def scene_of(views: list[View]) -> Scene:
 
 def test_a_capture_takes_them_by_name_and_by_content(views: list[View], tmp_path: Path) -> None:
     """Views that are left out need none; a mesh is another one with other normals, and the same one wherever they lie."""
-    few = list(spread(tuple(views), 6))
+    few = list(spread_over_directions(tuple(views), 6))
     one, same = folder_of(few, tmp_path / "one"), folder_of(few, tmp_path / "same")
     other = folder_of(few, tmp_path / "other")
     np.save(other / f"{few[0].name}.npy", np.full((SIDE, SIDE, 3), np.float32([0, 0, 1])))

@@ -16,7 +16,6 @@ from ia_bench.report.statistics import (
     holm,
     judge,
     over_scenes,
-    over_seeds,
     paired,
     side_by_side,
     tally,
@@ -45,7 +44,7 @@ def difference(records: list[Record], row: str, reference: str) -> Paired:
 @pytest.mark.parametrize("count", [2, 3, 10])
 def test_the_interval_over_seeds_is_students(count: int) -> None:
     values = RANDOM.normal(20, 2, count)
-    assert between(over_seeds(values.tolist())) == pytest.approx(scipy.stats.ttest_1samp(values, 0).confidence_interval(0.95))
+    assert between(over_scenes([values.tolist()])) == pytest.approx(scipy.stats.ttest_1samp(values, 0).confidence_interval(0.95))
 
 
 def test_the_interval_over_two_scenes_is_welchs() -> None:
@@ -60,9 +59,9 @@ def test_the_interval_over_two_scenes_is_welchs() -> None:
 
 def test_scenes_weigh_the_same_and_what_was_not_repeated_has_no_interval() -> None:
     assert over_scenes([[10.0, 10.0, 10.0], [20.0]]) == Estimate(15.0, None, 2, pytest.approx(12.7062047 * 5))
-    assert over_seeds([3.0]) == Estimate(3.0, None)
-    assert over_seeds([3.0, 3.0]) == Estimate(3.0, 0.0)
-    assert over_seeds([]) is None
+    assert over_scenes([[3.0]]) == Estimate(3.0, None)
+    assert over_scenes([[3.0, 3.0]]) == Estimate(3.0, 0.0)
+    assert over_scenes([[]]) is None
     assert over_scenes([[], []]) is None
 
 

@@ -14,8 +14,8 @@ from test_scorer import SMALL, ball_scene
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 from ia_bench.scenes.scene import View
 from ia_bench.scores.comparison import Pair, of_object
-from ia_bench.scores.error_split import Shown, split
-from ia_bench.scores.metrics import MEASURED, PARTS, NoScoredPixel, Undefined, squared_error
+from ia_bench.scores.error_split import VisibleSurface, split
+from ia_bench.scores.metrics import ERROR_PARTS, MEASURED, NoScoredPixel, Undefined, squared_error
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
 
@@ -26,12 +26,12 @@ RANDOM = np.random.default_rng(0)
 TRUE = srgb_to_linear(0.4 + 0.2 * RANDOM.random((SIDE, SIDE, 3)))
 
 
-def flat(hidden: np.ndarray | None = None, views: int = 1, height: float = 0.0, facing: float = 1.0) -> Shown:
+def flat(hidden: np.ndarray | None = None, views: int = 1, height: float = 0.0, facing: float = 1.0) -> VisibleSurface:
     """A square, seen as it is; ``hidden`` (SIDE, SIDE) bool is what no photograph shows."""
     position = np.stack([X, Y, np.full_like(X, height)], -1).reshape(-1, 3)
     seen = np.ones(SIDE**2, bool) if hidden is None else ~hidden.reshape(-1)
     entry = np.arange(SIDE**2).reshape(SIDE, SIDE)
-    return Shown(position, np.tile([0.0, 0.0, facing], (SIDE**2, 1)), seen, (entry,) * views)
+    return VisibleSurface(position, np.tile([0.0, 0.0, facing], (SIDE**2, 1)), seen, (entry,) * views)
 
 
 def pair_of(predicted: np.ndarray, mask: np.ndarray | None = None) -> Pair:
@@ -39,7 +39,7 @@ def pair_of(predicted: np.ndarray, mask: np.ndarray | None = None) -> Pair:
     return Pair(predicted, TRUE, every if mask is None else mask, every, (np.ones((SIDE, SIDE)),) * 2)
 
 
-def shares(predicted: np.ndarray, shown: Shown | None = None) -> dict[str, float]:
+def shares(predicted: np.ndarray, shown: VisibleSurface | None = None) -> dict[str, float]:
     """The parts of the error over their sum, which has to be the error."""
     view = pair_of(predicted)
     (found,) = split([view], shown or flat(), Protocol())
@@ -53,7 +53,7 @@ def test_the_parts_of_any_error_add_up_to_it_in_every_view() -> None:
     views = [pair_of(RANDOM.random((SIDE, SIDE, 3)), mask) for mask in masks]
     hidden = RANDOM.random((SIDE, SIDE)) < 0.3
     for view, found in zip(views, split(views, flat(hidden, views=2), Protocol()), strict=True):
-        assert set(found.parts) == set(PARTS)
+        assert set(found.parts) == set(ERROR_PARTS)
         assert sum(found.parts.values()) == pytest.approx(squared_error(of_object(view, Protocol(), "srgb")), rel=1e-12)
         assert all(value > 0 for value in found.parts.values())
 
@@ -89,7 +89,7 @@ def test_both_sides_of_something_thin_are_smoothed_apart() -> None:
     """An error of one sign above and of the other below is a smooth one on either side, and nothing where both are mixed."""
     above, below = flat(), flat(height=1e-3, facing=-1.0)
     entry = (above.entry[0], below.entry[0] + SIDE**2)
-    both = Shown(*(np.concatenate(parts) for parts in zip(above[:3], below[:3], strict=True)), entry)
+    both = VisibleSurface(*(np.concatenate(parts) for parts in zip(above[:3], below[:3], strict=True)), entry)
     views = [pair_of(encoded_error(np.array(sign * 0.05))) for sign in (1, -1)]
     for found in split(views, both, Protocol()):
         assert found.parts["low"] > 0.95 * sum(found.parts.values())
@@ -119,7 +119,7 @@ def test_photographs_from_above_do_not_show_the_underside_nor_what_is_covered() 
     above, slant = camera_at((0.01, 0.0, 4.0), pixels=40), camera_at((2.5, 0.0, 1.2), pixels=40)
     black = np.zeros((40, 40, 3), np.float32)
     photograph = View("above", above, black, black[..., 0])
-    shown = Shown.of(mesh, [above, slant, camera_at((2.5, 0.0, -1.2), pixels=40)], [photograph], CPU)
+    shown = VisibleSurface.of(mesh, [above, slant, camera_at((2.5, 0.0, -1.2), pixels=40)], [photograph], CPU)
     entries = [entry[entry >= 0] for entry in shown.entry]
     assert shown.seen[entries[0]].all()
     assert not shown.seen[entries[2]].any()
@@ -127,7 +127,7 @@ def test_photographs_from_above_do_not_show_the_underside_nor_what_is_covered() 
     on_slant = entries[1][covered[entries[1]]]
     assert len(on_slant)
     assert not shown.seen[on_slant].any()
-    assert not Shown.of(mesh, [above], [], CPU).seen.any()
+    assert not VisibleSurface.of(mesh, [above], [], CPU).seen.any()
 
 
 @pytest.mark.usefixtures("mean_square_as_lpips")
@@ -135,7 +135,7 @@ def test_scores_have_the_parts_as_a_group_of_metrics() -> None:
     scene = ball_scene(lights=())
     scores = Scorer(scene, SMALL, CPU).full(Ball(albedo=(0.6, 0.3, 0.2)))
     found = scores.metrics["albedo_error"]
-    assert list(found) == ["total", *PARTS] == [m.name for m in MEASURED if m.group == "Where the error sits"]
-    assert found["total"] == pytest.approx(sum(found[name] for name in PARTS))
+    assert list(found) == ["total", *ERROR_PARTS] == [m.name for m in MEASURED if m.group == "Where the error sits"]
+    assert found["total"] == pytest.approx(sum(found[name] for name in ERROR_PARTS))
     for image, psnr in zip(scores.per_image["albedo_error"]["total"], scores.per_image["albedo"]["psnr"], strict=True):
         assert image == pytest.approx(1000 * 10 ** (-psnr / 10))

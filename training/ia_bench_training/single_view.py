@@ -18,7 +18,7 @@ from itertools import product
 
 from ia_bench.common.arguments import at_least
 from ia_bench.common.exit_codes import OK, say, status_of
-from ia_bench.report.statistics import over_seeds
+from ia_bench.report.statistics import over_scenes
 from ia_bench.runs.decomposition import make_prior
 from ia_bench_training.single_view_scores import COLUMNS, SAMPLES, load_examples, score
 
@@ -54,7 +54,7 @@ def _score(wanted: argparse.Namespace) -> int:
 
 
 def _cell(values: list[float]) -> str:
-    estimate = over_seeds(values)
+    estimate = over_scenes([values])
     if estimate is None:
         return "–"
     return f"{estimate.mean:.2f}" + ("" if estimate.half_width is None else f" ± {estimate.half_width:.2f}")

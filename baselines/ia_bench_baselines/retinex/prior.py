@@ -21,7 +21,7 @@ from torch import Tensor
 
 from ia_bench.common.ranges import Positive
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
-from ia_bench.priors.inputs import check_views
+from ia_bench.priors.inputs import expect_usable
 
 DARK = 1e-3  # of an image's mean radiance: no logarithm is taken below it
 ANCHOR = 1e-6  # pull of r toward 0, which fixes the level of every connected piece
@@ -44,7 +44,7 @@ class RetinexPrior:
 
         Raises InputError for other shapes, and for NaN or Inf.
         """
-        check_views("retinex", observations, guidance or {}, self.info.provides)
+        expect_usable("retinex", observations, guidance or {}, self.info.provides)
         pairs = zip(observations.images.double().numpy(), observations.masks.double().numpy(), strict=True)
         albedo = np.stack([self._albedo(image, mask) for image, mask in pairs]).astype(np.float32)
         return Samples({"albedo": torch.from_numpy(albedo)})

@@ -24,7 +24,7 @@ from ia_bench.priors.validation import (
 )
 
 GEOMETRY = ("normals", "visibility")
-PARTS = ("values/", "ceilings/")  # of samples that are kept
+SAMPLE_PARTS = ("values/", "ceilings/")  # of samples that are kept
 NEAR_CEILING = 0.8
 """Share of the largest value that a prior can say from which a sample means "at least": a mean of draws stays below it."""
 Images = dict[str, Tensor]  # component -> (V, H, W, 3)
@@ -60,7 +60,7 @@ class PriorSampler:
         if stored is not None:
             tensors, about = stored
             values, ceilings = (
-                {key.removeprefix(part): value for key, value in tensors.items() if key.startswith(part)} for part in PARTS
+                {key.removeprefix(part): value for key, value in tensors.items() if key.startswith(part)} for part in SAMPLE_PARTS
             )
             samples = Samples(values, ceilings, about["cost"])
             self.counters["prior_cached"] += 1
@@ -70,7 +70,7 @@ class PriorSampler:
             started, cpu_started = time.perf_counter(), time.process_time()
             samples = ask(self._prior, observations, seed=self._seed, guidance=guidance)
             if self._cache is not None and key is not None:
-                parts = zip(PARTS, (samples.values, samples.ceilings), strict=True)
+                parts = zip(SAMPLE_PARTS, (samples.values, samples.ceilings), strict=True)
                 tensors = {part + name: value for part, of in parts for name, value in of.items()}
                 took = {"seconds": time.perf_counter() - started, "cpu_seconds": time.process_time() - cpu_started}
                 self._cache.put(key, tensors, {**took, "cost": dict(samples.cost)})

@@ -136,8 +136,8 @@ class Distilled(WeightedCoupling):
 
     def prepare(self, samples: PixelSamples, problem: Problem) -> None:
         """Encode the estimates."""
-        self._weight, self._encoding = samples.weight, problem.prior.info.encoding
-        self._estimates = {name: encode(value, self._encoding[name]) for name, value in samples.values.items()}
+        self._weight, self._encoding, self._unit = samples.weight, problem.prior.info.encoding, problem.photographs.unit
+        self._estimates = {name: self._encoded(name, value) for name, value in samples.values.items()}
         self._uses = self.uses(frozenset(samples.values))
 
     def albedo_loss(self, render: StepRender, pixels: Tensor) -> Tensor:
@@ -149,5 +149,8 @@ class Distilled(WeightedCoupling):
         return self._half_square("specular", render.specular, pixels)
 
     def _half_square(self, name: str, prediction: Tensor, pixels: Tensor) -> Tensor:
-        difference = encode(prediction, self._encoding[name]) - self._estimates[name][pixels]
+        difference = self._encoded(name, prediction) - self._estimates[name][pixels]
         return (self._weight[pixels] * (0.5 * difference**2)).mean()
+
+    def _encoded(self, name: str, values: Tensor) -> Tensor:
+        return encode(values * (self._unit if name == "specular" else 1.0), self._encoding[name])

@@ -48,15 +48,13 @@ class Refine(Regulariser):
 
     def apply(self, material: Material, state: FitState) -> Material:
         """See the class."""
-        if not self.albedo and not self.roughness:
-            return material
         problem = state.problem
         fusion = Fusion(problem, problem.asked_views)
+        if not fusion or not (self.albedo or self.roughness):
+            return material
         fitted = fitted_views(problem, fusion, problem.asked_views, material, state.light, state.generator, state.exposures)
         renders = {name: images.cpu() for name, images in fitted.items()}
         corrected = state.refine(renders).values
-        if not fusion:
-            return material
 
         def both(name: str) -> tuple[Tensor, Tensor]:
             return fusion.pixels(renders[name]), fusion.pixels(corrected[name] if name in corrected else renders[name])

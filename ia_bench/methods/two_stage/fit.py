@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -28,8 +27,6 @@ class Fit:
     def __init__(self, problem: Problem, settings: FitSettings, seed: int, monitor: Monitor) -> None:
         """Raises InputError for a regulariser that cannot be applied."""
         self.problem, self.settings, self.monitor = problem, settings, monitor
-        for view in problem.scene.train:
-            check_finite(f"training view {view.name}: {{}} is NaN or Inf", {"the image": torch.from_numpy(np.asarray(view.image))})
         self.parameters = Parameters(problem, settings)
         self.prior = PriorLoss(problem, seed, monitor)
         self.losses = Losses(problem, settings, self.prior)
@@ -62,7 +59,8 @@ class Fit:
                 material, light = self.parameters.material(detached=True), self.parameters.light()
                 exposures = None if self.parameters.exposures is None else self.parameters.exposures.detach()
                 albedo = solved_albedo(self.problem, exposures, material, light, descent.generator)
-                self.parameters.tensors["albedo"].copy_(albedo)
+                descent.counters["solved_albedo_clamped"] = 0
+                self.parameters.tensors["albedo"].copy_(self._in_range("albedo", albedo, "solved_albedo_clamped"))
         self._regularise(self.steps, at_end=True)
         recovered = self._reconstruction(final=True)
         samples = {"samples_per_pixel": self.losses.samples_per_pixel}
@@ -129,17 +127,20 @@ class Fit:
         light, refine = parameters.light(), self.prior.sampler.refine
         state = FitState(self.problem, light, exposures, parameters.observed, generator, refine)
 
-        def in_range(name: str, texture: Tensor) -> Tensor:
-            allowed = texture.clamp(LEAST[name], 1)
-            self.descent.counters["regularisers_clamped"] += int(((texture - allowed).abs() > ROUNDING).sum())
-            return allowed
-
         with self.descent.book("prior"):
             for regulariser in regularisers:
                 moved = regulariser.apply(material, state)
-                parts = in_range("albedo", moved.albedo), in_range("roughness", moved.roughness)
-                material = Material(*parts, moved.metallic)
+                albedo, roughness = (
+                    self._in_range(name, getattr(moved, name), "regularisers_clamped") for name in ("albedo", "roughness")
+                )
+                material = Material(albedo, roughness, material.metallic)
         return material
+
+    def _in_range(self, name: str, texture: Tensor, counter: str) -> Tensor:
+        """The texture in its range; the ``counter`` tells how many values were out of it by more than ROUNDING."""
+        allowed = texture.clamp(LEAST[name], 1)
+        self.descent.counters[counter] += int(((texture - allowed).abs() > ROUNDING).sum())
+        return allowed
 
     def _reconstruction(self, *, final: bool) -> TexturedReconstruction:
         material, light = self.parameters.recovered(final=final)

@@ -31,10 +31,11 @@ PIXELS = 2**18
 def solved_albedo(
     problem: Problem, exposures: Tensor | None, material: Material, light: SampledLight, generator: torch.Generator
 ) -> Tensor:
-    """The albedo (T, T, 3) in [0, 1] that is least in sum of w (pixel's mean albedo - (photograph - rest) / E)^2 + STAY |change|^2.
+    """The albedo (T, T, 3) that is least in sum of w (pixel's mean albedo - (photograph - rest) / E)^2 + STAY |change|^2.
 
-    The weight w is the squared share of diffuse radiance in all of it, over 1 + (residual / (RESIDUAL * radiance))^2, of each
-    channel; pixels that the object covers in part, that a mask leaves out or that are not known have none.
+    It may lie out of [0, 1]. The weight w is the squared share of diffuse radiance in all of it, over
+    1 + (residual / (RESIDUAL * radiance))^2, of each channel; pixels that the object covers in part, that a mask leaves out or
+    that are not known have none.
 
     Args:
         problem: Of the fit.
@@ -74,7 +75,7 @@ def solved_albedo(
         return spread(weight * shown(texture)) + STAY * texture
 
     change = conjugate_gradients(normal, spread(weight * wanted), ITERATIONS)
-    return (material.albedo + change).clamp(0, 1)
+    return material.albedo + change
 
 
 def conjugate_gradients(matrix: Callable[[Tensor], Tensor], right: Tensor, iterations: int) -> Tensor:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class TwoStage:
-    """Adam on albedo, roughness, the log radiance of the light, and a colour that light and albedo exchange; see equation 5."""
+    """Adam on albedo, roughness, the log radiance of the light, and a colour that light and albedo share; see equation 5."""
 
     Options: ClassVar[type] = FitSettings
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = PRESETS

@@ -30,7 +30,7 @@ class Parameters:
         observed: (T, T) bool, texels that some training view sees, in a pixel that its mask does not leave out.
         optimizer: Adam, one group a tensor.
         multigrid: Its steps at coarser scales.
-        scale_ambiguity: The step in which light and albedo exchange a colour.
+        scale_ambiguity: The step along the colour that albedo and light share, which images hardly tell.
     """
 
     def __init__(self, problem: Problem, settings: FitSettings) -> None:
@@ -66,7 +66,7 @@ class Parameters:
         return Material(*(t.detach() if detached and t is not None else t for t in textures))  # type: ignore[arg-type]
 
     def alone(self, name: str) -> Tensor:
-        """The texture ``name`` for a loss that moves single texels alone: steps at coarser scales and the exchange do not see it.
+        """The texture ``name`` for a loss that moves single texels alone: multigrid and scale-ambiguity steps do not see it.
 
         Of a step the last call counts.
         """

@@ -107,7 +107,7 @@ class ScaleAmbiguityStep:
         """The gradient (3,) of the loss with respect to c at c = 0, from the gradients of both tensors."""
         of_albedo, of_light = self._albedo.grad, self._log_light.grad
         if of_albedo is None or of_light is None:
-            raise RuntimeError("a colour is exchanged along the gradients of albedo and light: call backward() first")
+            raise RuntimeError("the scale-ambiguity step needs the gradients of albedo and light: call backward() first")
         return of_light.sum((0, 1)) - (of_albedo * self._albedo.detach()).sum((0, 1))
 
     @torch.no_grad()

@@ -125,10 +125,7 @@ class Frame:
 
     def cut(self, values: Tensor) -> Tensor:
         """Cut premultiplied values (H, W, C) out: (side, side, C). What lies outside the image is zero."""
-        place, here = self._overlap(*values.shape[:2])
-        square = values.new_zeros(self.length, self.length, values.shape[-1])
-        square[here] = values[place]
-        return _resize(square, self.side)
+        return resized(window(values, self.left, self.top, self.length, self.length), self.side, self.side)
 
     def paste(self, values: Tensor, weight: Tensor, mask: Tensor) -> Tensor:
         """Put straight values (side, side, C) back into the image: (H, W, C), times ``mask``.
@@ -136,26 +133,23 @@ class Frame:
         They are known where ``weight`` (side, side) > 0; a pixel near the edge averages only what is known.
         """
         known = torch.cat([values * weight[..., None], weight[..., None]], -1)
-        known = _resize(known, self.length).clamp_min(0)
+        known = resized(known, self.length, self.length).clamp_min(0)
         straight = known[..., :-1] / known[..., -1:].clamp_min(1e-4)
-        place, here = self._overlap(*mask.shape)
-        image = values.new_zeros(*mask.shape, values.shape[-1])
-        image[place] = straight[here]
-        return image * mask[..., None]
-
-    def _overlap(self, height: int, width: int) -> list[tuple[slice, ...]]:
-        """Rows and columns that image and square share, as each of them counts."""
-        starts = (self.top, self.left)
-        spans = [(max(at, 0), min(at + self.length, size)) for at, size in zip(starts, (height, width), strict=True)]
-        here = tuple(slice(first - at, last - at) for at, (first, last) in zip(starts, spans, strict=True))
-        return [tuple(slice(*span) for span in spans), here]
+        height, width = mask.shape
+        return window(straight, -self.left, -self.top, width, height) * mask[..., None]
 
 
-def _resize(square: Tensor, side: int) -> Tensor:
-    if square.shape[0] == side:
-        return square
-    moved = square.movedim(-1, 0)[None]
-    return F.interpolate(moved, (side, side), mode="bilinear", antialias=True, align_corners=False)[0].movedim(0, -1)
+def window(values: Tensor, left: int, top: int, width: int, height: int) -> Tensor:
+    """The part of (H, W, C) that begins at a column and a row, 0 where that lies beyond the edges; the two must overlap."""
+    return F.pad(values, (0, 0, -left, left + width - values.shape[1], -top, top + height - values.shape[0]))
+
+
+def resized(values: Tensor, height: int, width: int) -> Tensor:
+    """Premultiplied values (H, W, C) with as many pixels; to the bit where there are as many already."""
+    if values.shape[:2] == (height, width):
+        return values
+    moved = values.movedim(-1, 0)[None]
+    return F.interpolate(moved, (height, width), mode="bilinear", antialias=True, align_corners=False)[0].movedim(0, -1)
 
 
 def enlarge(frame: Frame, reduced: Tensor, known: Tensor, shape: torch.Size) -> Tensor:

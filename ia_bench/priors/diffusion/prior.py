@@ -19,7 +19,7 @@ from ia_bench.priors.diffusion.learned import Framed, LearnedPrior
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import sample_large
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, seeded_noise
-from ia_bench.priors.inputs import Device, Precision, check_views
+from ia_bench.priors.inputs import Device, Precision, expect_usable
 
 DISTILLED_LEVELS = (0.02, 0.98)
 """Share of the schedule from which score distillation draws its noise level; the ends teach nothing (DreamFusion)."""
@@ -83,7 +83,7 @@ class DiffusionPrior(LearnedPrior):
         Always at the native size, for one evaluation cannot agree between patches.
         """
         provides = self.info.provides
-        check_views(self.kind, observations, renders, provides, what="distilled")
+        expect_usable(self.kind, observations, renders, provides, what="distilled")
         if set(renders) != provides:
             raise InputError(f"prior: renders: expected {', '.join(sorted(provides))}, found {', '.join(sorted(renders))}")
         return self._through(observations, seed, renders, self._distill, reduced=True)

@@ -15,7 +15,6 @@ from ia_bench.readers.writers.parts import (
     intrinsics,
     lit_and_held_out,
     mixed,
-    placed_mesh,
     save_bare_photo,
     save_exr,
     save_json,
@@ -25,12 +24,11 @@ from ia_bench.readers.writers.parts import (
     world_to_camera,
 )
 from ia_bench.scenes.images import straight
-from ia_bench.scenes.scene import Camera, Mesh, Scene
+from ia_bench.scenes.scene import FROM_Y_UP, Camera, Mesh, Scene
 
 SIZE, MIDDLE = 40.0, np.array([100.0, -50.0, 600.0])  # where the units of DTU have the object: millimetres before the robot
 BOX, CENTRE = 1.3, np.array([0.1, -0.2, 0.3])  # where the units of NeILF have it, in a box of this half side
 POINTS = 20_000  # of COLMAP's sparse model, at most
-UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # (x, z, -y): +y up
 
 
 def write_dtu(folder: Path, scene: Scene) -> Options:
@@ -118,7 +116,7 @@ def write_neilf(folder: Path, scene: Scene) -> Options:
     about = {"image_path": {"file_paths": files}, "camera_track_map": {"images": images}}
     content = {**about, "bbox": {"transform": box.ravel().tolist()}}
     save_json(folder / "inputs" / "sfm_scene.json", content)
-    save_obj(folder / "inputs" / "model" / "mesh.obj", scene, UPRIGHT @ place)
+    save_obj(folder / "inputs" / "model" / "mesh.obj", scene, FROM_Y_UP.T @ place)  # its readers expect +y up
     return {"validation": list(range(len(others)))}
 
 
@@ -127,7 +125,7 @@ def positions(mesh: Mesh, camera: Camera, covered: np.ndarray) -> np.ndarray:
     import trimesh
 
     rows, columns = np.nonzero(covered)
-    solid = trimesh.Trimesh(*placed_mesh(mesh, np.eye(4))[:1], mesh.faces, process=False)
+    solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     ways = camera.rays(columns + 0.5, rows + 0.5)
     places, which, _ = solid.ray.intersects_location(np.tile(camera.position, (len(ways), 1)), ways, multiple_hits=False)
     found, hit = np.zeros((*covered.shape, 3), np.float32), np.zeros(covered.shape, bool)

@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ia_bench.common.errors import InputError
 from ia_bench.common.settings import flat
 from ia_bench.report.blocks import Line
-from ia_bench.report.collect import HASH_DIGITS, TIMES, reason_of, setup_of
+from ia_bench.report.collect import TIMES, reason_of
 from ia_bench.report.curves import Curve
 from ia_bench.report.findings import Findings
 from ia_bench.report.seconds import points
 from ia_bench.report.table import BOUNDS, HEADLINE, MAIN, measured
-from ia_bench.runs.record import RunRecord
 from ia_bench.runs.table import Row
 from ia_bench.scores.metrics import CURVE_METRICS, MEASURED, METRICS, Metric
 
@@ -169,13 +167,9 @@ def _evidence(run: dict[str, Any]) -> dict[str, Any]:
     ``settings``: its configuration, flat; ``command``: its command line; ``machine``: machine, versions and commit, flat;
     ``files``: name -> the first digits of the SHA-256 of what the run wrote; ``renderer``: who drew the pictures that were scored.
     """
-    setup = setup_of(run["folder"])
-    try:
-        record = RunRecord.read(run["folder"])
-    except (InputError, FileNotFoundError):
+    record, setup = run["record"], run["setup"]
+    if record is None or setup is None:
         return {}
-    if setup is None or (record.row != run["row"] and record.config_hash[:HASH_DIGITS] != run["config_hash"]):
-        return {}  # the folder may be that of a report, not of this run
     packages = record.environment.get("packages")
     return {
         "settings": {name: value for name, value in flat(setup.config).items() if not name.startswith(OF_A_RUN)},

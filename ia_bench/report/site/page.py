@@ -40,7 +40,7 @@ from ia_bench.scores.metrics import Metric
 
 INDEX, PARTS = "index.html", "parts"
 VIEWER, PICTURES = "model-viewer-umd.min.js", "pictures.js"
-KEPT = "pictures.zip"  # of a run folder; runs.pictures.packing, which writes it, brings in torch
+PICTURES_FILE = "pictures.zip"  # of a run folder; runs.pictures.packing, which writes it, brings in torch
 VENDORED = ("vendor/uPlot.iife.min.js.gz", "vendor/img-comparison-slider.js")
 STYLES = ("vendor/uPlot.min.css", "vendor/img-comparison-slider.css", "assets/page.css", "assets/parts.css")
 SCRIPTS: tuple[str, ...] = ("common", "tips", "table", "live", "evidence", "parts", "scales", "curves", "heat", "look")
@@ -138,10 +138,10 @@ def write_page(
 def draw_pictures(runs: Runs, parts: Path, note: Callable[[str], None]) -> Gallery:
     """Lay out the pictures that runs have kept, where any has; those of scenes that the report no longer has go."""
     gallery = Gallery()
-    if any((folder / KEPT).is_file() for folder in runs["folder"]):
-        from ia_bench.report.site.store import write_pictures  # brings in torch
+    if any((folder / PICTURES_FILE).is_file() for folder in runs["folder"]):
+        from ia_bench.report.site.store import lay_out_pictures  # brings in torch
 
-        write_pictures(gallery, runs, parts, note)
+        lay_out_pictures(gallery, runs, parts, note)
     shown = {scene["folder"] for scene in gallery.scenes.values()}
     for marked in list(parts.glob("*/truth/drawn.json")):
         if marked.parents[1].name not in shown:

@@ -37,7 +37,7 @@ KEY = "drawn.json"
 """What a truth that was drawn is known by."""
 
 
-def write_pictures(gallery: Gallery, runs: Runs, parts: Path, note: Callable[[str], None]) -> None:
+def lay_out_pictures(gallery: Gallery, runs: Runs, parts: Path, note: Callable[[str], None]) -> None:
     """Picture the first finished run of every row and scene in the folder ``parts``, and what is true beside it.
 
     ``note`` is told what is being drawn. What cannot be shown (a run without pictures, a scene that is not there or was changed

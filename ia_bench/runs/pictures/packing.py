@@ -188,7 +188,7 @@ def sheets(pictures: Pictures) -> tuple[dict[str, bytes], dict[str, list[int]]]:
     return {name: sheet(tiles) for name, tiles in pictures.sheets.items()}, shapes
 
 
-def write_pictures(
+def write_bundle(
     folder: RunFolder,
     scene: Scene,
     drawn: tuple[TexturedReconstruction, Predictions] | None,

@@ -36,8 +36,8 @@ def runs_of(*runs: tuple[Path, str, int]) -> Runs:
     return as_table({"folder": folder, "row": row, "scene": "tiny", "seed": seed} for folder, row, seed in runs)
 
 
-def write_pictures(runs: Runs, parts: Path, note: Callable[[str], None]) -> Gallery:
-    store.write_pictures(gallery := Gallery(), runs, parts, note)
+def lay_out_pictures(runs: Runs, parts: Path, note: Callable[[str], None]) -> Gallery:
+    store.lay_out_pictures(gallery := Gallery(), runs, parts, note)
     return gallery
 
 
@@ -233,7 +233,7 @@ def test_pictures_are_laid_out_the_truth_is_drawn_once_and_what_has_none_is_name
     runs = runs_of((perfect_run, "perfect", 1), (bare, "no pictures", 0), (bare, "perfect", 2), (tmp_path, "failed", 0))
     runs.loc[3, "problem"] = "x"
     notes: list[str] = []
-    gallery = write_pictures(runs, tmp_path / "parts", notes.append)
+    gallery = lay_out_pictures(runs, tmp_path / "parts", notes.append)
     assert notes == ["pictures of tiny: the truth"]
     assert gallery.missing == ["no pictures, tiny: it has kept no pictures"]
     perfect = gallery.scenes["tiny"]["rows"]["perfect"]
@@ -243,10 +243,10 @@ def test_pictures_are_laid_out_the_truth_is_drawn_once_and_what_has_none_is_name
     names = {path.name for path in (tmp_path / "parts").rglob("*") if path.is_file()}
     assert names >= {"albedo.webp", "aligned.webp", "turned.webp", "errors.js", "solid.js"}
 
-    assert (write_pictures(runs, tmp_path / "parts", notes.append), len(notes)) == (gallery, 1)
+    assert (lay_out_pictures(runs, tmp_path / "parts", notes.append), len(notes)) == (gallery, 1)
     next((tmp_path / "parts").glob("*/truth/drawn.json")).write_text('{"key": ')
-    assert (write_pictures(runs, tmp_path / "parts", notes.append), len(notes)) == (gallery, 2)
-    write_pictures(runs_of((perfect_run, "renamed", 1)), tmp_path / "parts", notes.append)
+    assert (lay_out_pictures(runs, tmp_path / "parts", notes.append), len(notes)) == (gallery, 2)
+    lay_out_pictures(runs_of((perfect_run, "renamed", 1)), tmp_path / "parts", notes.append)
     (scene,) = (tmp_path / "parts").iterdir()
     assert {path.name.partition("-")[0] for path in scene.iterdir()} == {"truth", "renamed"}
     draw_pictures(runs.iloc[1:2], tmp_path / "parts", notes.append)
@@ -258,7 +258,7 @@ def test_a_scene_that_changed_since_is_named(tmp_path: Path, perfect_run: Path, 
     record = json.loads((perfect_run / "config.json").read_text())
     record["identity"]["scene"]["content"] = "0" * 64
     (perfect_run / "config.json").write_text(json.dumps(record))
-    gallery = write_pictures(runs_of((perfect_run, "perfect", 0)), tmp_path / "parts", print)
+    gallery = lay_out_pictures(runs_of((perfect_run, "perfect", 0)), tmp_path / "parts", print)
     assert (gallery.scenes, gallery.relit) == ({}, False)
     assert "a file of the scene has changed since" in gallery.missing[0]
 
@@ -266,7 +266,7 @@ def test_a_scene_that_changed_since_is_named(tmp_path: Path, perfect_run: Path, 
 def test_rows_of_one_slug_have_pictures_of_their_own(tmp_path: Path, perfect_run: Path, keep_pictures: Callable[..., None]) -> None:
     keep_pictures(perfect_run)
     runs = runs_of(*((perfect_run, row, 0) for row in ("w/o prior", "w o prior", "Truth")))
-    gallery = write_pictures(runs, tmp_path / "parts", lambda line: None)
+    gallery = lay_out_pictures(runs, tmp_path / "parts", lambda line: None)
     assert [*gallery.scenes] == ["tiny"], gallery.missing
     folders = {row: about["folder"] for row, about in gallery.scenes["tiny"]["rows"].items()}
     assert folders.keys() == {"w/o prior", "w o prior", "Truth"}

@@ -7,7 +7,7 @@
 
   const value = (run, key) => {
     const place = data.metrics.findIndex((metric) => metric.key === key);
-    return place >= 0 ? run.values[place] : run[key === "memory" ? "memory" : "seconds"];
+    return place >= 0 ? run.values[place] : run[key];
   };
   const text = (number, key) => {
     if (number === null || number === undefined) return "–";
