@@ -163,6 +163,8 @@ def test_a_run_is_known_by_the_predictions(tmp_path: Path) -> None:
     first = known(tmp_path)
     save(tmp_path / "images" / "0000.png", colours())
     assert known(tmp_path) == known(Path(shutil.copytree(tmp_path, tmp_path.parent / "elsewhere"))) == first
+    (tmp_path / "albedo" / "0000.png").rename(tmp_path / "albedo" / "0001.png")
+    assert known(tmp_path) != first, "the name says which view it is of"
     save(tmp_path / "albedo" / "0000.png", 1 - colours())
     assert known(tmp_path) != first
 

@@ -114,6 +114,13 @@ def test_shading_normals_that_face_away_are_bent_to_grazing_and_counted() -> Non
     torch.testing.assert_close(points.normal[1], torch.tensor([0.8, 0.0, 0.6]))
 
 
+@pytest.mark.parametrize("size", [1.0, 1e-5, 1e-12, 1e6])
+def test_triangles_have_unit_normals_in_any_units(size: float) -> None:
+    corners = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 1), (2, 0, 0), (2, 0.01, 0), (2, 0, 0.01)])
+    surface = SurfaceInterpolator(mesh_of((size * corners).tolist(), [(0, 1, 2), (3, 4, 5)]), CPU)
+    torch.testing.assert_close(surface.geometric, torch.tensor([[0.0, -(0.5**0.5), 0.5**0.5], [1.0, 0.0, 0.0]]))
+
+
 def test_points_are_those_of_torch() -> None:
     """In float64: a mesh of triangles in any direction with smooth normals of their own, seen from all around, some misses."""
     rng = torch.Generator().manual_seed(0)

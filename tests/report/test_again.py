@@ -11,6 +11,7 @@ import pytest
 from scored_runs import scored
 
 from ia_bench.cli.verify import main
+from ia_bench.common.errors import InputError
 from ia_bench.report.again import drawn, overrides_of
 from ia_bench.report.collect import HASH_DIGITS, as_table, read_published
 from ia_bench.report.findings import Collection, analyse
@@ -19,6 +20,7 @@ from ia_bench.runs.composition import compose
 from ia_bench.runs.identity import hash_of, identity
 
 Write = Callable[..., Path]
+PROTOCOL = "paper-v1 (lpips.net=alex)"  # of the runs that write_run writes
 SETTINGS = ["scene=tiny", "prior=none", "seed=0", "row='ours, 2'"]
 
 
@@ -31,11 +33,11 @@ def here() -> str:
 @pytest.fixture
 def published(tmp_path: Path, here: str) -> Path:
     """A runs.csv: a run that can be repeated, one of another identity, one of a former version, one that failed."""
-    one = {"command": "scene=tiny prior=none seed=0 'row='\"'\"'ours, 2'\"'\"''", "threads": 1}
+    one = {"protocol": PROTOCOL, "command": "scene=tiny prior=none seed=0 'row='\"'\"'ours, 2'\"'\"''", "threads": 1}
     runs = [
         scored("ours, 2", "tiny", 0, None, **one, config_hash=here, albedo_psnr=20.0, roughness_mse=0.05),
         scored("changed", "tiny", 0, 1.0, **one, config_hash="0" * HASH_DIGITS),
-        scored("former", "tiny", 0, 1.0),
+        scored("former", "tiny", 0, 1.0, protocol=PROTOCOL),
         scored("failed", "tiny", 0, None, problem="no"),
     ]
     (tmp_path / "table").mkdir()
@@ -90,7 +92,9 @@ def test_scores_stand_side_by_side(
 ) -> None:
     commands = repeats(psnr, error)
     lines = (published / "runs.csv").read_text().splitlines(keepends=True)
-    (published / "runs.csv").write_text("".join(line for line in lines if not line.startswith(("p,changed", "p,former"))))
+    (published / "runs.csv").write_text(
+        "".join(line for line in lines if not line.startswith((f"{PROTOCOL},changed", f"{PROTOCOL},former")))
+    )
     assert main([str(published)]) == status
     assert commands[0][3:-1] == ["run", *SETTINGS, "threads=1"]
     told = capsys.readouterr().out
@@ -102,7 +106,7 @@ def test_scores_stand_side_by_side(
 def test_what_cannot_be_run_again_says_why(published: Path, repeats: Any, capsys: pytest.CaptureFixture[str]) -> None:
     """Where settings have changed since, the scores decide."""
     lines = (published / "runs.csv").read_text().splitlines(keepends=True)
-    (published / "runs.csv").write_text("".join(line for line in lines if not line.startswith('p,"ours')))
+    (published / "runs.csv").write_text("".join(line for line in lines if not line.startswith(f'{PROTOCOL},"ours')))
     repeats(1.0)
     assert main([str(published / "runs.csv"), "--share", "1"]) == 1
     told = capsys.readouterr().out
@@ -110,6 +114,12 @@ def test_what_cannot_be_run_again_says_why(published: Path, repeats: Any, capsys
     assert "changed, tiny, seed 0: differs: its identity is " in told
     assert "former, tiny, seed 0: not run again: its runs.csv does not hold the command line" in told
     assert "1 differs, 1 not run again" in told.splitlines()[-1]
+
+
+def test_a_run_that_was_scored_again_has_no_command(published: Path) -> None:
+    (run,) = [run for run in read_published(published / "runs.csv") if run["row"] == "ours, 2"]
+    with pytest.raises(InputError, match="scored again, under paper-v1"):
+        overrides_of(run | {"rescored_from_config_hash": "0" * 64})
 
 
 @pytest.mark.parametrize("share", ["0", "1.5", "-1"])

@@ -181,6 +181,14 @@ def test_the_report_has_the_table_the_picture_and_the_numbers(tmp_path: Path) ->
     assert not (tmp_path / "pareto.png").exists(), "of a former report"
 
 
+def test_a_report_without_these_scores_compares_no_seconds(tmp_path: Path) -> None:
+    """As one of photographs alone, of which neither albedo nor relighting is known."""
+    blank = {metric.column: math.nan for metric in WORTH_METRICS}
+    write_report([], tmp_path, TABLE, records(**blank))
+    assert "pareto" not in (tmp_path / "report.md").read_text()
+    assert not (tmp_path / "seconds.csv").exists()
+
+
 def test_the_picture_has_rows_from_the_cheapest_to_the_dearest() -> None:
     found = points(as_table(records()), clocked(records()))
     assert [row["row"] for row in found[0]["rows"]] == sorted(SPENT, key=SPENT.__getitem__)

@@ -286,7 +286,7 @@ def test_pipes_and_devices_are_refused_and_not_waited_for(tmp_path: Path) -> Non
         make(folder / METRICS_FILE)
         with pytest.raises(InputError, match="expected a file, found a pipe or a device"):
             RunRecord.read(folder)
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(InputError, match="expected a run's metrics.json, found none"):
         RunRecord.read(tmp_path)
 
 

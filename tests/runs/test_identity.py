@@ -118,6 +118,15 @@ def test_hash_follows_the_content_of_weights_and_not_their_place(tmp_path: Path)
     assert hash_with("prior=corrected", nested[0]) != hash_with("prior=corrected", nested[1])
 
 
+def test_a_mesh_of_any_format_counts_that_an_option_names(tmp_path: Path) -> None:
+    (tmp_path / "photographs").mkdir()
+    given = ["reader=nerfstudio", f"scene.path={tmp_path / 'photographs'}", f"reader.options.mesh={tmp_path / 'shape.stl'}"]
+    (tmp_path / "shape.stl").write_bytes(b"one")
+    before = hash_with(*given)
+    (tmp_path / "shape.stl").write_bytes(b"other")
+    assert hash_with(*given) != before
+
+
 def test_normals_of_a_folder_that_one_word_names_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("normals").mkdir()

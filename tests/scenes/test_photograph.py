@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from PIL import Image, ImageOps
 
 from ia_bench.common.errors import InputError
+from ia_bench.readers.pictures import recorded_exposure
 from ia_bench.scenes import photograph
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.photograph import open_picture, read_arrays, read_mask, read_photograph, read_values
@@ -148,3 +150,34 @@ def test_a_profile_that_cannot_be_applied_is_told(tmp_path: Path, picture: Image
     picture.save(tmp_path / "plain.png")
     np.testing.assert_array_equal(image, read_photograph(tmp_path / "plain.png", notice=told.append)[0])
     assert len(told) == 1
+
+
+# ---------------------------------------------------------------- what a picture says of itself
+def png(colour: int, values: np.ndarray, *chunks: bytes) -> bytes:
+    """A PNG of 16 bits a channel, whose ``colour`` type has as many channels as ``values`` (H, W, C); written by hand."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in values)
+    header = struct.pack(">IIBBBBB", values.shape[1], values.shape[0], 16, colour, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(("colour", "channels", "told"), [(0, 1, 0), (2, 3, 1), (4, 2, 1), (6, 4, 1)])
+def test_bits_that_are_lost_are_told(tmp_path: Path, colour: int, channels: int, told: int) -> None:
+    """Of a picture in grey all 16 are kept."""
+    (tmp_path / "deep.png").write_bytes(png(colour, np.full((2, 3, channels), 0xFE80)))
+    notes: list[str] = []
+    radiance, coverage = read_photograph(tmp_path / "deep.png", notice=notes.append)
+    assert len(notes) == told
+    assert all("deep.png: its 16 bits a channel are read as 8" in note for note in notes)
+    kept = srgb_to_linear(np.array(0xFE80 / 65535 if not told else 0xFE / 255)) * coverage
+    np.testing.assert_allclose(radiance[..., 0], kept, rtol=1e-5)
+
+
+def test_a_picture_with_damaged_exif_is_read_as_it_is(tmp_path: Path) -> None:
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    Image.fromarray(pixels).save(tmp_path / "damaged.png", exif=b"Exif\0\0no record")
+    assert recorded_exposure(tmp_path / "damaged.png") is None
+    np.testing.assert_array_equal(np.asarray(open_picture(tmp_path / "damaged.png", upright=True)), pixels)

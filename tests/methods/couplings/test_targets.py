@@ -108,6 +108,17 @@ def test_distilled_loss_is_half_the_square_and_needs_no_alignment(problem: Probl
         assert found[name] == pytest.approx(expected, rel=1e-4)
 
 
+def test_a_distilled_loss_is_the_same_in_any_unit_of_radiance(problem: Problem, texture: Tensor) -> None:
+    pixels = seen(problem, texture)
+    found = {}
+    for unit in (1.0, 1e-3):
+        photographs = replace(problem.photographs, unit=unit)
+        other = altered(problem, prior=Encoded(), photographs=photographs)
+        distilled = prepared(Distilled(albedo=0.0), other, even(specular=0.25 * pixels / unit))
+        found[unit] = losses(distilled, pixels / unit, torch.arange(len(pixels)))["specular"]
+    assert found[1e-3] == pytest.approx(found[1.0], rel=1e-4)
+
+
 def test_alignment_is_estimated_when_due(problem: Problem, texture: Tensor) -> None:
     samples = even(albedo=seen(problem, texture))
     targets, scales = prepared(Targets(), problem, samples), []
