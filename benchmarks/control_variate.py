@@ -17,7 +17,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from benchmarks.stage import Stage
+from benchmarks.stage import TrueScene
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.renderer import Renderer
@@ -34,7 +34,7 @@ class Estimate(NamedTuple):
     milliseconds: float
 
 
-def estimate(renderer: Renderer, stage: Stage, pixels: Tensor, views: int, generator: torch.Generator) -> Estimate:
+def estimate(renderer: Renderer, stage: TrueScene, pixels: Tensor, views: int, generator: torch.Generator) -> Estimate:
     """Render and differentiate once."""
     gbuffer = stage.gbuffer([view.camera for view in stage.scene.train[:views]])
     leaves = [values.clone().requires_grad_() for values in (stage.material.albedo, stage.material.roughness, stage.light)]
@@ -55,7 +55,7 @@ def main() -> None:
     print("| scene | radiance: mean, median pixel | gradients: " + ", ".join(GRADIENTS) + " | ms | standard errors |")
     print("| :--- | ---: | ---: | ---: | ---: |")
     for name in wanted.scenes:
-        stage = Stage.of(name, light_rows=LIGHT_ROWS, threads=1)
+        stage = TrueScene.of(name, light_rows=LIGHT_ROWS, threads=1)
         renderers = [stage.geometry.renderer(bounces=BOUNCES, control_variate=controlled) for controlled in (False, True)]
         generator = torch.Generator().manual_seed(0)
         entries = len(stage.gbuffer([view.camera for view in stage.scene.train[: wanted.views]]).pixel)

@@ -18,8 +18,7 @@ import math
 import time
 from pathlib import Path
 
-from stage import run_as_a_run
-
+from benchmarks.stage import run_as_a_run
 from benchmarks.work_precision.precision import first_time, without_compilation
 from ia_bench.common.machine import environment
 from ia_bench.methods.contract import Method, Monitor, Problem

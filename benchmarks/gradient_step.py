@@ -15,7 +15,6 @@ compiled" is our estimator written in torch (benchmarks/reference.py) under torc
    1 / (relative variance x seconds), and the ratio of efficiencies is how many times sooner the same precision is reached.
    ``bias`` is the squared relative distance of the mean gradient from ours, without the noise of both: that of
    the other BRDF and light.
-3. *Phases* of our step: seconds, the bytes it cannot avoid to move, and how far it is from its limit.
 
 Cases are taken in turns and CPU seconds of one thread compared, since other programs disturb the wall clock more. The
 first runs, which compile, are discarded. With --out the numbers are written to FOLDER/gradient_step.json.
@@ -30,12 +29,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from phases import Phase, measure_phases
-from stage import Stage
 from torch import Tensor
 
 from benchmarks.mitsuba_scene import TrackedScene
 from benchmarks.reference import TorchRenderer, can_compile
+from benchmarks.stage import TrueScene
 from benchmarks.work_precision.precision import Moments, efficiency, time_in_turns
 from ia_bench.common.errors import InputError
 from ia_bench.common.machine import environment
@@ -56,7 +54,7 @@ class OurStep:
     """The gradient of our image of some pixels, as the two-stage trainer computes it."""
 
     def __init__(
-        self, stage: Stage, gbuffer: GBuffer, *, bounces: int = 0, coat: str = "added", torch_compiled: bool = False
+        self, stage: TrueScene, gbuffer: GBuffer, *, bounces: int = 0, coat: str = "added", torch_compiled: bool = False
     ) -> None:
         self.gbuffer = gbuffer
         renderer = stage.geometry.renderer(bounces=bounces, coat=coat, control_variate=bounces > 0 and not torch_compiled)
@@ -81,7 +79,7 @@ class OurStep:
         self.gradient(pixels, lambda radiance: (radiance - 0.3).abs().mean())
 
 
-def per_sample(stage: Stage, rounds: int, threads: int, mitsuba: bool) -> dict[str, dict[str, float]]:
+def per_sample(stage: TrueScene, rounds: int, threads: int, mitsuba: bool) -> dict[str, dict[str, float]]:
     """Milliseconds per million samples of every case: median and best, wall and CPU."""
     cameras = stage.cameras(VIEWS, SIZE)
     gbuffer = stage.gbuffer(cameras)
@@ -118,7 +116,7 @@ def per_sample(stage: Stage, rounds: int, threads: int, mitsuba: bool) -> dict[s
     }
 
 
-def at_equal_variance(stage: Stage, rounds: int, threads: int, mitsuba: bool) -> dict[str, dict[str, float]]:
+def at_equal_variance(stage: TrueScene, rounds: int, threads: int, mitsuba: bool) -> dict[str, dict[str, float]]:
     """Relative variance, CPU seconds, efficiency and bias of the gradient of one view, per parameter."""
     cameras = stage.cameras(1, SIZE)
     gbuffer = stage.gbuffer(cameras)
@@ -163,7 +161,7 @@ def over_blocks(texture: np.ndarray) -> np.ndarray:
     return texture.reshape(height, BLOCK, width, BLOCK, -1).sum((1, 3))
 
 
-def print_report(speed: dict[str, dict[str, float]], noise: dict[str, dict[str, float]], phases: list[Phase]) -> None:
+def print_report(speed: dict[str, dict[str, float]], noise: dict[str, dict[str, float]]) -> None:
     """Three tables in Markdown; every ratio is over ours."""
     first = next(iter(speed))
     print("| gradient step | samples | CPU ms per million samples (best) | wall ms | CPU, times ours |")
@@ -182,15 +180,6 @@ def print_report(speed: dict[str, dict[str, float]], noise: dict[str, dict[str, 
             gain = noise["ours"][f"{key}_efficiency"] / row[f"{key}_efficiency"]
             cells += [f"{row[f'{key}_variance']:.3g}, {row[f'{key}_bias']:.2g}", f"{gain:.2f}"]
         print(f"| {name} | " + " | ".join(cells) + " |")
-    print("\n| phase (ours) | CPU ms | share | MB | limit | limit ms | times its limit |")
-    print("| :--- | ---: | ---: | ---: | :--- | ---: | ---: |")
-    total = sum(phase.seconds for phase in phases)
-    for phase in phases:
-        cells = [f"{1e3 * phase.seconds:.1f}", f"{100 * phase.seconds / total:.0f} %", f"{phase.megabytes:.1f}", phase.limit]
-        known = phase.limit_seconds is not None
-        cells += [f"{1e3 * phase.limit_seconds:.2f}", f"{phase.seconds / phase.limit_seconds:.1f}"] if known else ["-", "-"]
-        print(f"| {phase.name} | " + " | ".join(cells) + " |")
-    print(f"| together | {1e3 * total:.1f} | | | | | |")
 
 
 def main() -> None:
@@ -203,7 +192,7 @@ def main() -> None:
     parser.add_argument("--no-mitsuba", action="store_true")
     parser.add_argument("--out", type=Path, help="folder for gradient_step.json")
     arguments = parser.parse_args()
-    stage = Stage.of(arguments.scene, light_rows=arguments.light_rows, threads=arguments.threads)
+    stage = TrueScene.of(arguments.scene, light_rows=arguments.light_rows, threads=arguments.threads)
     mitsuba = not arguments.no_mitsuba
     if mitsuba:
         try:
@@ -213,13 +202,12 @@ def main() -> None:
             mitsuba = False
     speed = per_sample(stage, arguments.rounds, arguments.threads, mitsuba)
     noise = at_equal_variance(stage, arguments.rounds, arguments.threads, mitsuba)
-    phases = measure_phases(stage, stage.gbuffer(stage.cameras(VIEWS, SIZE)), PIXELS, SAMPLES, arguments.rounds, mitsuba)
-    print_report(speed, noise, phases)
+    print_report(speed, noise)
     if arguments.out:
         arguments.out.mkdir(parents=True, exist_ok=True)
         content = {
             "scene": arguments.scene, "threads": arguments.threads, "rounds": arguments.rounds,
-            "per_sample": speed, "at_equal_variance": noise, "phases": [vars(phase) for phase in phases],
+            "per_sample": speed, "at_equal_variance": noise,
             "environment": environment("cpu", arguments.threads),
         }  # fmt: skip
         (arguments.out / "gradient_step.json").write_text(json.dumps(content, indent=1) + "\n")

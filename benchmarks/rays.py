@@ -15,9 +15,9 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from stage import Stage
 from torch import Tensor
 
+from benchmarks.stage import TrueScene
 from benchmarks.work_precision.precision import time_in_turns
 from ia_bench.light.latlong import SampledLight
 from ia_bench.render.gbuffer import SurfacePoints
@@ -48,7 +48,7 @@ class Recorded:
         return blocked
 
 
-def rays_of_a_step(stage: Stage) -> Recorded:
+def rays_of_a_step(stage: TrueScene) -> Recorded:
     """All that a step asks of the mesh."""
     surface = stage.geometry.surface
     recorded = Recorded(TracedShadows(stage.geometry.rays, surface.offset), surface.offset)
@@ -59,7 +59,7 @@ def rays_of_a_step(stage: Stage) -> Recorded:
     return recorded
 
 
-def measure(stage: Stage, rounds: int) -> dict[str, dict[str, np.ndarray]]:
+def measure(stage: TrueScene, rounds: int) -> dict[str, dict[str, np.ndarray]]:
     """Nanoseconds a ray (rounds,) of every case, by kind of ray."""
     from embreex import rtcore_scene
     from embreex.mesh_construction import TriangleMesh
@@ -108,7 +108,7 @@ def main() -> None:
     print("| scene | ray | by | ns a ray, least | median | median, times packets |")
     print("| :--- | :--- | :--- | ---: | ---: | ---: |")
     for name in arguments.scenes:
-        for kind, cases in measure(Stage.of(name, light_rows=128, threads=1), arguments.rounds).items():
+        for kind, cases in measure(TrueScene.of(name, light_rows=128, threads=1), arguments.rounds).items():
             for case, values in cases.items():
                 ratio = np.median(values) / np.median(cases["packets"])
                 cells = f"{values.min():.0f} | {np.median(values):.0f} | {ratio:.2f}"

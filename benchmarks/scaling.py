@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from stage import POINTS, Stage, resized
 
+from benchmarks.stage import POINTS, TrueScene, resized
 from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
@@ -62,7 +62,7 @@ def enlarged(scene: Scene, views: int, size: int) -> Scene:
 
 def measure(case: dict[str, int], name: str, threads: int) -> dict[str, float]:
     """Run one case in this process: seconds of the bake and of a step, foreground pixels, megabytes at the peak."""
-    stage = Stage.of(name, light_rows=case["light_rows"], threads=threads)
+    stage = TrueScene.of(name, light_rows=case["light_rows"], threads=threads)
     scene = enlarged(stage.scene, case["views"], case["size"])
     sizes = {"subsamples": POINTS, "texture": case["texture"], "light_height": case["light_rows"]}
     settings = RenderSettings(case["samples"], **sizes, shadows="traced", bounces=0, coat="added")

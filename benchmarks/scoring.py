@@ -16,8 +16,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import torch
-from stage import run_as_a_run
 
+from benchmarks.stage import run_as_a_run
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.renderer import Renderer, texture_images
 from ia_bench.render.stage import Stage
@@ -36,7 +36,7 @@ PARTS: dict[str, Callable[..., object]] = {
     "SSIM": metrics.ssim,
     "loading LPIPS": metrics.load,
     "LPIPS": metrics.lpips,
-    "surface of the split": error_split.Shown.of,
+    "surface of the split": error_split.VisibleSurface.of,
     "split of the error": error_split.split,
 }
 

@@ -14,7 +14,7 @@ from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.gbuffer import GBuffer
-from ia_bench.render.stage import Stage as GeometryStage
+from ia_bench.render.stage import TrueScene as GeometryStage
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Camera, Scene
 
@@ -26,7 +26,7 @@ POINTS = 2  # G-buffer points along a side of a pixel, as the plan mostly choose
 
 
 @dataclass(frozen=True)
-class Stage:
+class TrueScene:
     """A scene with ground truth: its ``material``, its ``light`` (H, 2H, 3), its ``geometry`` ready to be asked."""
 
     scene: Scene
@@ -35,7 +35,7 @@ class Stage:
     geometry: GeometryStage
 
     @classmethod
-    def of(cls, name: str, *, light_rows: int, threads: int) -> Stage:
+    def of(cls, name: str, *, light_rows: int, threads: int) -> TrueScene:
         """The shipped scene ``name`` under its training light averaged to ``light_rows``."""
         run_as_a_run(threads)
         scene = NativeReader(resolve_scene_folder(SceneConfig(name))).read(truth=True)

@@ -23,7 +23,7 @@ import torch
 
 from benchmarks.stiffness.measure import Grids, Measurement, measure
 from benchmarks.stiffness.pictures import draw_confusions, draw_spectra
-from benchmarks.stiffness.stage import Stage
+from benchmarks.stiffness.stage import TruthOfAFit
 from ia_bench.common.arguments import at_least
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             folder = resolve_scene_folder(SceneConfig(name=name, path=name if Path(name).is_dir() else None))
             assert folder is not None
             bounces: int | Literal["auto"] = "auto" if options.bounces is None else options.bounces
-            stage = Stage.at_truth(folder, samples=options.samples, bounces=bounces)
+            stage = TruthOfAFit.at_truth(folder, samples=options.samples, bounces=bounces)
             found = measure(stage, Grids(options.pixels, options.texture, options.light), options.directions)
             if not measured:
                 print("| " + " | ".join(row(found.numbers)) + " |\n|" + " :--- |" * len(row(found.numbers)))

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from benchmarks.stiffness import spectrum
 from benchmarks.stiffness.gauss_newton import Jacobian, gram, stiffest
-from benchmarks.stiffness.stage import Stage
+from benchmarks.stiffness.stage import TruthOfAFit
 
 CHUNK = 1024  # pixels recorded at a time
 QUANTILES = (0.01, 0.1, 0.25, 0.5, 0.75, 0.9, 0.99)
@@ -51,7 +51,7 @@ class Measurement:
     confused: list[Confusion]
 
 
-def measure(stage: Stage, grids: Grids, directions: int) -> Measurement:
+def measure(stage: TruthOfAFit, grids: Grids, directions: int) -> Measurement:
     """Measure ``stage``; ``directions``: how many combinations of albedo and light are kept, the most confused ones."""
     pixels = stage.pixels(grids.pixels)
     recorded = [stage.jacobian(part, grids.texture, grids.light, seed=number) for number, part in enumerate(pixels.split(CHUNK))]
@@ -117,7 +117,7 @@ def _parametrisations(
     return found
 
 
-def _at_fit_resolution(stage: Stage, grids: Grids) -> dict[str, Any]:
+def _at_fit_resolution(stage: TruthOfAFit, grids: Grids) -> dict[str, Any]:
     """The stiffest directions of the fit's own parameters, and its casts, matrix-free."""
     size, rows = stage.material.albedo.shape[0], stage.log_light.shape[0]
     jacobian = stage.jacobian(stage.pixels(min(grids.pixels, CHUNK)), size, rows)

@@ -10,7 +10,7 @@ import torch
 from matplotlib.figure import Figure
 
 from benchmarks.stiffness.measure import Measurement
-from benchmarks.stiffness.stage import Stage
+from benchmarks.stiffness.stage import TruthOfAFit
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.render.renderer import texture_images
 
@@ -29,7 +29,7 @@ def draw_spectra(path: Path, values: Mapping[str, np.ndarray]) -> None:
         figure.savefig(partial, dpi=110)
 
 
-def draw_confusions(path: Path, stage: Stage, measured: Measurement) -> None:
+def draw_confusions(path: Path, stage: TruthOfAFit, measured: Measurement) -> None:
     """A row for each direction: the change of the albedo on the first training view, and that of the log light.
 
     Grey is no change; the full range of the albedo's picture is its largest change, and the light's likewise. Both are in the

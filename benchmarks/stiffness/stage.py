@@ -32,7 +32,7 @@ FLOOR = 1e-4  # of the mean radiance: darker texels of a true light have no usef
 
 
 @dataclass(frozen=True)
-class Stage:
+class TruthOfAFit:
     """What the fit would work on, and the truth as it would represent it.
 
     ``log_light`` (H, W, 3) and the textures have the plan's sizes; ``floored``: texels of the light that were raised to FLOOR.
@@ -47,7 +47,7 @@ class Stage:
     floored: int
 
     @classmethod
-    def at_truth(cls, folder: Path, *, samples: int | None = None, bounces: int | Literal["auto"] = "auto") -> Stage:
+    def at_truth(cls, folder: Path, *, samples: int | None = None, bounces: int | Literal["auto"] = "auto") -> TruthOfAFit:
         """Load a scene folder that ships true textures and its training light; sizes are those of a run's plan.
 
         ``samples``: per pixel, the fit's by default; ``bounces`` as render.bounces. Raises InputError where the truth is missing.

@@ -1,6 +1,5 @@
 """Cycles as a function from (camera, light, seed) to passes. CPU, no denoiser, no clamping, one-pixel box filter."""
 
-import math
 import tempfile
 from pathlib import Path
 
@@ -109,8 +108,3 @@ class Renderer:
             metallic=planes["metallic.X"],
             depth=planes["depth.X"],
         )
-
-
-def focal_length(size: int) -> float:
-    """Focal length in pixels of the benchmark's camera."""
-    return size / 2 / math.tan(FIELD_OF_VIEW / 2)

@@ -33,8 +33,6 @@ class MethodInfo:
         brought: Whether it fits nothing, but takes over what was made elsewhere: it is told ``problem.held_out``, and its result
             says what is ``declared`` in place of what a run measures.
         predicts: What can be scored of it, some of "albedo", "roughness", "view_synthesis" and "relighting".
-        paper: Where it was published.
-        deviations: In what it differs from there, one sentence each.
     """
 
     uses_prior: bool
@@ -44,8 +42,6 @@ class MethodInfo:
     brought: bool = False
     needs: frozenset[str] = NEEDED
     predicts: frozenset[str] = PREDICTED
-    paper: str = ""
-    deviations: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, known in (("needs", NEEDED), ("predicts", PREDICTED)):

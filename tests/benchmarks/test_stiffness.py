@@ -16,7 +16,7 @@ from torch import Tensor
 from benchmarks.stiffness import spectrum
 from benchmarks.stiffness.__main__ import main
 from benchmarks.stiffness.gauss_newton import Jacobian, gram
-from benchmarks.stiffness.stage import Stage
+from benchmarks.stiffness.stage import TruthOfAFit
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import scenes_folders
 
@@ -65,11 +65,11 @@ def test_gram_and_what_is_seen() -> None:
 
 
 @pytest.fixture(scope="module")
-def stage() -> Stage:
-    return Stage.at_truth(scenes_folders()[0] / "tiny", samples=32)
+def stage() -> TruthOfAFit:
+    return TruthOfAFit.at_truth(scenes_folders()[0] / "tiny", samples=32)
 
 
-def test_forward_product_of_the_renderer_against_finite_differences(stage: Stage) -> None:
+def test_forward_product_of_the_renderer_against_finite_differences(stage: TruthOfAFit) -> None:
     """In albedo and light, with every sample fixed: directions follow the roughness, which therefore stays.
 
     Central differences of 0.001 in float32, of values near 0.3: rounding is 1e-4, truncation less but near black, where the tone
@@ -87,7 +87,7 @@ def test_forward_product_of_the_renderer_against_finite_differences(stage: Stage
     assert float((found - difference).norm()) < 1e-3 * float(difference.norm())
 
 
-def test_products_of_the_renderer_are_adjoint_and_its_channels_apart(stage: Stage) -> None:
+def test_products_of_the_renderer_are_adjoint_and_its_channels_apart(stage: TruthOfAFit) -> None:
     jacobian = stage.jacobian(stage.pixels(200), 4, 4)
     random = torch.Generator().manual_seed(0)
     vector, cotangent = torch.randn(jacobian.columns, generator=random), torch.randn(200, 3, generator=random)
@@ -159,7 +159,7 @@ def test_the_command_measures_a_scene(tmp_path: Path, capsys: pytest.CaptureFixt
     assert {path.name for path in tmp_path.iterdir()} == {"stiffness.json", "spectra.png", "tiny.png"}
 
 
-def test_what_cannot_be_measured_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str], stage: Stage) -> None:
+def test_what_cannot_be_measured_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str], stage: TruthOfAFit) -> None:
     assert main(["nothing-of-that-name", "--out", str(tmp_path)]) == 2
     assert "nothing-of-that-name" in capsys.readouterr().err
     with pytest.raises(InputError, match="expected divisors of the plan's 128 texels and 16 light rows, found 48, 16"):

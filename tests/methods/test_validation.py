@@ -208,7 +208,7 @@ def test_a_reconstruction_that_is_scored_on_the_way_is_checked(stage: Stage, tin
         ("presets", [1]),
         ("presets", {"a": {"x": 1}}),
         ("info", MethodInfo(uses_prior=False, sees_truth="no")),  # type: ignore[arg-type]
-        ("info", MethodInfo(uses_prior=False, deviations="none")),  # type: ignore[arg-type]
+        ("info", MethodInfo(uses_prior=False, brought="none")),  # type: ignore[arg-type]
     ],
 )
 def test_what_a_class_declares_is_checked_before_it_is_made(part: str, value: object) -> None:

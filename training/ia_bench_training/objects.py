@@ -259,7 +259,7 @@ def single(a: Assembly) -> None:
 
 
 def shelf(a: Assembly) -> None:
-    """Rows of similar things in an open case: costs, boxes, pipes, crates."""
+    """Rows of similar things in an open case: books, boxes, pipes, crates."""
     rng = a.rng
     x, y, z, thick = rng.uniform(0.6, 1), rng.uniform(0.25, 0.5), rng.uniform(0.5, 1.1), rng.uniform(0.02, 0.06)
     slot = a.slot()

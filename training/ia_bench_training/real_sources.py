@@ -57,7 +57,7 @@ def _closed(lists: Path) -> Mapping[str, str | None]:
     reasons = {name: part["why"] for part in _parts(lists) for name in part["files"]}
     found: dict[str, str | None] = {}
     for digest, path in _sums(lists / "sums.sha256"):
-        found[digest] = next((why for name, why in reasons.items() if path.startswith(name)), None)
+        found[digest] = found.get(digest) or next((why for name, why in reasons.items() if path.startswith(name)), None)
     return found | {digest: NON_COMMERCIAL for digest, _ in _sums(lists / "sums_nc.sha256")}
 
 

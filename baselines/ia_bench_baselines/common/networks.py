@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor, nn
 
-OMEGA = 30.0  # of sines, as their authors have it
-
 
 def positional_encoding(values: Tensor, frequencies: int) -> Tensor:
     """x, and sin and cos of 2^k x for k < ``frequencies`` (Mildenhall et al. 2020, without pi): (N, C) to (N, C (2 F + 1))."""
@@ -28,29 +26,6 @@ def perceptron(widths: Sequence[int], activation: Callable[[], nn.Module] = nn.R
     for place, (before, after) in enumerate(zip(widths[:-1], widths[1:], strict=True)):
         layers += ([activation()] if place else []) + [nn.Linear(before, after)]
     return nn.Sequential(*layers)
-
-
-class Sine(nn.Module):
-    """sin(OMEGA x), the activation of SIREN (Sitzmann et al. 2020)."""
-
-    def forward(self, values: Tensor) -> Tensor:
-        """Element by element."""
-        return torch.sin(OMEGA * values)
-
-
-@torch.no_grad()
-def initialise_siren(network: nn.Module, generator: torch.Generator, *, first: bool = True) -> None:
-    """Draw the weights of a perceptron of sines as Sitzmann et al. (2020, section 3.2) do: uniform, the first layer wider.
-
-    ``first``: whether the network begins with what is given, and not with the output of another sine.
-    """
-    for layer in network.modules():
-        if isinstance(layer, nn.Linear):
-            bound = 1 / layer.in_features if first else math.sqrt(6 / layer.in_features) / OMEGA
-            layer.weight.uniform_(-bound, bound, generator=generator)
-            if layer.bias is not None:
-                layer.bias.uniform_(-bound, bound, generator=generator)
-            first = False
 
 
 @torch.no_grad()

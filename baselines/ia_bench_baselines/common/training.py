@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -58,7 +56,7 @@ class RunSettings:
         """Hash of what the weights depend on; a run resumes only where it is the same."""
         free = ("out", "steps", "minutes", "threads", "device", "checkpoint_minutes")
         values = {key: value for key, value in dataclasses.asdict(self).items() if key not in free}
-        return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:16]
+        return resuming.identity(values)
 
 
 class Trainee(Protocol):
@@ -163,10 +161,15 @@ class _Run:
 
     def state_dict(self) -> dict[str, Any]:
         optimisers = {name: optimiser.state_dict() for name, optimiser in self._trainee.optimisers.items()}
-        return {"best": self.best, "networks": self._trainee.networks.state_dict(), "optimisers": optimisers}
+        return {
+            "best": self.best,
+            "losses": self._losses,
+            "networks": self._trainee.networks.state_dict(),
+            "optimisers": optimisers,
+        }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self.best = state["best"]
+        self.best, self._losses = state["best"], state["losses"]
         self._trainee.networks.load_state_dict(state["networks"])
         for name, optimiser in self._trainee.optimisers.items():
             optimiser.load_state_dict(state["optimisers"][name])

@@ -29,8 +29,8 @@ def reconstruction(
 
     def shader(given: Environment | None, quality: Quality) -> _Shader:
         if given is None:
-            return _Shader(stage, material, light, indirect)
-        return _Shader(stage, material, fit_light(given), None)
+            return _Shader(stage, material, light, indirect, quality.seed)
+        return _Shader(stage, material, fit_light(given), None, quality.seed)
 
     environment = SphericalGaussianEnvironment(light)
     return ShadedReconstruction(stage, material, renderer="spherical Gaussians", environment=environment, shader=shader)
@@ -39,9 +39,11 @@ def reconstruction(
 class _Shader:
     """See :class:`ia_bench_baselines.common.shaded.Shader`."""
 
-    def __init__(self, stage: Stage, material: Material, light: SphericalGaussians, indirect: IndirectLight | None) -> None:
+    def __init__(
+        self, stage: Stage, material: Material, light: SphericalGaussians, indirect: IndirectLight | None, seed: int
+    ) -> None:
         self._material, self._light, self._indirect = material, light, indirect
-        self._visibility = LobeVisibility(stage.apart, torch.Generator(device=stage.device).manual_seed(0))
+        self._visibility = LobeVisibility(stage.apart, torch.Generator(device=stage.device).manual_seed(seed))
 
     def __call__(self, points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
         shaded = []

@@ -21,11 +21,7 @@ class MitsubaAdam:
 
     Options: ClassVar[type] = MitsubaAdamOptions
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"smoke": {"steps": 8}, "full": {"steps": 3000}, "paper": {"steps": 35000}}
-    info = MethodInfo(
-        uses_prior=True,
-        paper="W. Jakob et al., Mitsuba 3 renderer, 2022, https://mitsuba-renderer.org",
-        deviations=("What is metal in the scene is fitted as a dielectric.",),
-    )
+    info = MethodInfo(uses_prior=True)
 
     def __init__(self, options: MitsubaAdamOptions) -> None:
         """``options``: see :class:`MitsubaAdamOptions`."""

@@ -80,19 +80,7 @@ class Neilfpp:
             "smooth_weight": 0.0005,
         },
     }
-    info = MethodInfo(
-        uses_prior=False,
-        paper="J. Zhang et al., NeILF++: Inter-Reflectable Light Fields for Geometry and Material Estimation, ICCV 2023",
-        deviations=(
-            "The mesh is given, as in the paper's own configuration for known geometry.",
-            "The directions of a step are shared by its pixels, so that the layers that see only a direction run once.",
-            "Light has three channels, as in the original for images of high dynamic range.",
-            "Material and surface light field are hash grids, incident light has rectifiers for sines: they bear higher rates.",
-            "A pixel is the mean of its points, as a photograph has it, and images are compared in sRGB.",
-            "The weight of smoothness is smaller, for fits that are shorter.",
-            "The variance prior of the first steps on real photographs is left out.",
-        ),
-    )
+    info = MethodInfo(uses_prior=False)
 
     def __init__(self, options: NeilfppOptions) -> None:
         """``options``: see :class:`NeilfppOptions`."""

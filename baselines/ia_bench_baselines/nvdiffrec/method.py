@@ -54,15 +54,7 @@ class Nvdiffrec:
         "full": {"steps": 6000},
         "paper": {"steps": 40_000},
     }
-    info = MethodInfo(
-        uses_prior=False,
-        paper="J. Munkberg et al., Extracting Triangular 3D Models, Materials, and Lighting From Images, CVPR 2022",
-        deviations=(
-            "The mesh is given: of its two phases only the second, textures on a mesh, is left.",
-            "The light is a lat-long map of log radiances, not a cube map of radiances.",
-            "Pixels of a step come from all views, not from eight whole images.",
-        ),
-    )
+    info = MethodInfo(uses_prior=False)
 
     def __init__(self, options: NvdiffrecOptions) -> None:
         """``options``: see :class:`NvdiffrecOptions`."""

@@ -60,16 +60,7 @@ class Nvdiffrecmc:
         "full": {"steps": 4000},
         "paper": {"steps": 35_000},
     }
-    info = MethodInfo(
-        uses_prior=False,
-        paper="J. Hasselgren et al., Shape, Light, and Material Decomposition from Images using Monte Carlo Rendering and "
-        "Denoising, NeurIPS 2022",
-        deviations=(
-            "The mesh is given: of its two phases only the second, textures on a mesh, is left.",
-            "Two techniques share the samples, light and GGX: there are no samples by the cosine.",
-            "The light is a lat-long map of log radiances, not a probe of radiances; a step takes one view, not eight.",
-        ),
-    )
+    info = MethodInfo(uses_prior=False)
 
     def __init__(self, options: NvdiffrecmcOptions) -> None:
         """``options``: see :class:`NvdiffrecmcOptions`."""

@@ -91,21 +91,12 @@ class Tensoir:
             "fine": 300,
             "components": 48,
             "network_rate": 0.001,
+            "brdf_weight": 0.2,
+            "light_rate": 0.001,
+            "variation_weight": 0.00015,
         },
     }
-    info = MethodInfo(
-        uses_prior=False,
-        paper="H. Jin et al., TensoIR: Tensorial Inverse Rendering, CVPR 2023",
-        deviations=(
-            "The mesh is given: there is no density, no head of normals, and shadows are traced.",
-            "The tensor is refined once, not four times.",
-            "The images of both heads weigh the same; the original gives those of the material a fifth.",
-            "Sharpness and amplitude of the light are found by their logarithms, at a higher rate, in fewer steps.",
-            "A pixel is the mean of its points, as a photograph has it.",
-            "Directions are drawn by the light, the material and the cosine, not one in every cell of a grid.",
-            "Novel lights are fitted by spherical Gaussians, as IntrinsicAnything has it; the released code samples them.",
-        ),
-    )
+    info = MethodInfo(uses_prior=False)
 
     def __init__(self, options: TensoirOptions) -> None:
         """``options``: see :class:`TensoirOptions`."""

@@ -103,13 +103,9 @@ class Training:
         descend(self.settings.weights.adversarial * told, self.optimisers["discriminators"])
 
         # ---------------------------------------------------------------- generators, against the judges of now
-        for weight in networks.judges():
-            weight.requires_grad_(False)
         losses = generator_losses(networks.domains, networks.albedo_judge, networks.shading_judge, shown, made)
         weights = dataclasses.asdict(self.settings.weights)
         descend(torch.stack([weights[name] * loss for name, loss in losses.items()]).sum(), self.optimisers["generators"])
-        for weight in networks.judges():
-            weight.requires_grad_(True)
         return {"discriminators": float(told.detach()), **{name: float(loss.detach()) for name, loss in losses.items()}}
 
     def validate(self) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Three costs: an old cloth-bound one stands open on a printed paperback, which lies on a ledger with a leather back.
+"""Three books: an old cloth-bound one stands open on a printed paperback, which lies on a ledger with a leather back.
 
 Print under soft gloss beside cloth, leather, marbled and yellowed paper; leaves that shade each other; a woven ribbon that
 hangs from the head of the open book and over the paperback. About 20300 triangles.
@@ -29,7 +29,7 @@ Move = Callable[[np.ndarray], np.ndarray]
 
 
 def build() -> None:
-    """Build the three costs in the empty scene, within the unit sphere."""
+    """Build the three books in the empty scene, within the unit sphere."""
     _ledger(placed(-6.0, (0.0, 0.03, FLOOR)))
     _paperback(placed(-97.0, (0.02, -0.12, FLOOR + LEDGER_THICK + 0.002)))
     top = FLOOR + LEDGER_THICK + PAPERBACK_THICK
@@ -119,7 +119,7 @@ def board(
     slab(name, layers, flat, paint, (front, prints.BACK), sharp=70.0)
 
 
-# ---------------------------------------------------------------- costs that lie
+# ---------------------------------------------------------------- books that lie
 def _ledger(move: Move) -> None:
     """Thick volume: marbled boards, corners and a ribbed back of leather, a hollow fore-edge."""
     (height, width), thick, cover = LEDGER, LEDGER_THICK, 0.032

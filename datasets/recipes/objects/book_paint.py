@@ -1,4 +1,4 @@
-"""Paints of the costs' bindings: cloth with stamped foil, leather, marbled paper, a woven ribbon. `book_print.py` has the rest.
+"""Paints of the books' bindings: cloth with stamped foil, leather, marbled paper, a woven ribbon. `book_print.py` has the rest.
 
 All read the mesh attribute 'chart' of `book.slab`, as the printed ones do.
 """

@@ -1,4 +1,4 @@
-"""Printed paints of the costs: covers, pages, and the edges of pages.
+"""Printed paints of the books: covers, pages, and the edges of pages.
 
 All read the mesh attribute 'chart' of `book.slab`: two coordinates on a face in the part's own units, and which face it is.
 Letters are made of strokes drawn by lot, so that they look like print and say nothing.

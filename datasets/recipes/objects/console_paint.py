@@ -125,7 +125,7 @@ def gloss(centre: Vector, half: Triple) -> bpy.types.Material:
 
 
 def plain(name: str, colour: Triple, roughness: tuple[float, float]) -> bpy.types.Material:
-    """Tripleed plastic that has faded a little in places."""
+    """Coloured plastic that has faded a little in places."""
     s = Paint(name)
     faded = s.mix(0.22, colour, IVORY)
     return _plastic(s, s.position(), colour, faded, roughness)

@@ -14,21 +14,15 @@ if TYPE_CHECKING:
 
 
 class TwoStage:
-    """Adam on albedo, roughness, the log radiance of the light, and a colour that light and albedo share; see equation 5."""
+    """Adam on albedo, roughness, the log radiance of the light, and a colour that light and albedo share.
+
+    Equation 5 of IntrinsicAnything (ECCV 2024, arXiv 2404.11593), section 3.4, but that the light is a map and not a network, and
+    that halves of a pixel's samples judge each other where the paper has an L1.
+    """
 
     Options: ClassVar[type] = FitSettings
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = PRESETS
-    info = MethodInfo(
-        fits_exposures=True,
-        turns_light=True,
-        uses_prior=True,
-        paper="IntrinsicAnything (ECCV 2024, arXiv 2404.11593), section 3.4",
-        deviations=(
-            "The light is a map of log radiances, not a network.",
-            "Halves of a pixel's samples judge each other in the image loss, where the paper has an L1.",
-            "Light and albedo take a step together, along the colour that images of matt objects do not tell.",
-        ),
-    )
+    info = MethodInfo(fits_exposures=True, turns_light=True, uses_prior=True)
 
     def __init__(self, options: FitSettings) -> None:
         """``options``: what the paper leaves open."""

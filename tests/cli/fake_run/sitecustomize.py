@@ -17,10 +17,9 @@ from pathlib import Path
 def run(config, folder, progress, known):
     """A fit of 40 steps with a checkpoint after each; its result depends on every step having been made once.
 
-    FAKE_LOG is a file that gets a line whenever it starts, FAKE_CPU one that gets the seconds of CPU time of its process. With
-    FAKE_HOLD it waits after its third step until it is told to end, or that file is there: however slow the machine, a test comes
-    in time. The row "crash" dies by signal, "killed" does so at step 20 unless it has resumed there, "raise" raises, "stuck" never
-    comes to a step.
+    FAKE_LOG is a file that gets a line whenever it starts. With FAKE_HOLD it waits after its third step until it is told to end, or
+    that file is there: however slow the machine, a test comes in time. The row "crash" dies by signal, "killed" does so at step 20
+    unless it has resumed there, "raise" raises, "stuck" never comes to a step.
     """
     from ia_bench.runs import interruption
     from ia_bench.runs.record import RunRecord
@@ -51,9 +50,6 @@ def run(config, folder, progress, known):
         if config.row == "killed" and state["step"] == 20:
             os.kill(os.getpid(), signal.SIGKILL)
     folder.write_curve([{"stage": 1, "step": 40, "seconds": 0.5, "albedo_psnr": 20.0}])
-    if "FAKE_CPU" in os.environ:
-        with Path(os.environ["FAKE_CPU"]).open("a") as spent:
-            spent.write(f"{time.process_time()}\n")
     metrics = {"albedo": {"psnr": 20.0 + config.seed, "value": state["value"]}}
     return folder.write_record(RunRecord(**known, config_hash="", status="ok", metrics=metrics, time_s={"total": 1.0}))
 

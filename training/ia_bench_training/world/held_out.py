@@ -80,7 +80,7 @@ def photograph(asset: Assets, light: np.ndarray, rng: np.random.Generator, size:
     return {
         "image": torch.cat([scale * found["radiance"], coverage], -1)[0].clamp(max=6e4),
         "albedo": texture_images(stage.surface, gbuffer, albedo)[0],
-        "specular": scale * found["specular"][0].clamp(max=6e4),
+        "specular": (scale * found["specular"][0]).clamp(max=6e4),
         "normal": unknown[0],  # networks are judged without geometry
         "visibility": unknown[0, ..., :1],
     }

@@ -96,7 +96,7 @@ def _meshes(real: Path) -> list[Path]:
 
 
 def _banks(request: WorldRequest, meshes: Sequence[Path], progress: Progress) -> dict[str, Tensor]:
-    """Textures, lights and palettes; what is real comes first, and its number is in ``real_tiles`` and ``real_lights``."""
+    """Textures, lights and palettes; what is real comes first, and its numbers are in ``real``."""
     tiles, chances, lights = np.zeros((0, TILE, TILE, 5), np.uint8), np.zeros(0), list[Tensor]()
     if meshes:
         tiles, chances = banks.real_tiles(request.real)
@@ -124,7 +124,7 @@ def _banks(request: WorldRequest, meshes: Sequence[Path], progress: Progress) ->
 def _trace(request: WorldRequest, first: int, count: int, meshes: Sequence[Path]) -> None:
     """Trace ``count`` procedural objects from number ``first`` on, or these real ``meshes``, into a file of their own."""
     path = request.out / VIEWS.format(KINDS[bool(meshes)], first // PART)
-    if path.is_file():
+    if path.is_file() and (meshes or count == PART):  # a short one may have been made when fewer were asked for
         return
     found, atlases = list[dict[str, Tensor]](), list[int]()
     for number in range(first, first + (count or len(meshes))):

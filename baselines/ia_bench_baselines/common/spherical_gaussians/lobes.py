@@ -39,16 +39,16 @@ class SphericalGaussians(NamedTuple):
 
     def radiance(self, directions: Tensor) -> Tensor:
         """The sum of M lobes in unit ``directions`` (D, 3): (D, 3). Or, of those of each of N points, (N, D, 3) in (N, D, 3)."""
-        shares = torch.exp(self.sharpness[..., None, :] * (directions @ self.axis.transpose(-1, -2) - 1))
-        return shares @ self.amplitude
+        values = torch.exp(self.sharpness[..., None, :] * (directions @ self.axis.transpose(-1, -2) - 1))
+        return values @ self.amplitude
 
     def cosines(self, directions: Tensor) -> Tensor:
         """The cosine between every lobe's axis and one unit direction of each of N points, (N, 3): (N, M)."""
         return directions @ self.axis.T if self.axis.ndim == 2 else (self.axis @ directions[..., None])[..., 0]
 
-    def weighted(self, shares: Tensor) -> Tensor:
-        """The sum over the lobes of their amplitudes times ``shares`` (N, M): (N, 3)."""
-        return shares @ self.amplitude if self.amplitude.ndim == 2 else (shares[..., None, :] @ self.amplitude)[..., 0, :]
+    def weighted(self, weights: Tensor) -> Tensor:
+        """The sum over the lobes of their amplitudes times ``weights`` (N, M): (N, 3)."""
+        return weights @ self.amplitude if self.amplitude.ndim == 2 else (weights[..., None, :] @ self.amplitude)[..., 0, :]
 
 
 def lobe_integral(sharpness: Tensor) -> Tensor:

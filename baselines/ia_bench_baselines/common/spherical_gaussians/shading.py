@@ -1,7 +1,7 @@
 """Surface points lit by spherical Gaussians, in closed form: a Lambertian lobe, and GGX as one Gaussian more.
 
 (Zhang et al. 2021, PhySG, and Zhang et al. 2022, InvRender.) What a smooth lobe makes of light is exact up to the fits of
-integrals.py; what is left out is the shape of GGX beside a Gaussian, and the change of Fresnel and masking across a lobe.
+lobes.py; what is left out is the shape of GGX beside a Gaussian, and the change of Fresnel and masking across a lobe.
 """
 
 from __future__ import annotations
