@@ -14,7 +14,7 @@ from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.gbuffer import GBuffer
-from ia_bench.render.stage import TrueScene as GeometryStage
+from ia_bench.render.stage import Stage
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Camera, Scene
 
@@ -32,7 +32,7 @@ class TrueScene:
     scene: Scene
     material: Material
     light: Tensor
-    geometry: GeometryStage
+    geometry: Stage
 
     @classmethod
     def of(cls, name: str, *, light_rows: int, threads: int) -> TrueScene:
@@ -42,7 +42,7 @@ class TrueScene:
         roughness = torch.from_numpy(scene.truth.roughness)[..., None].float().clamp_min(MIN_ROUGHNESS)
         light = LatLongEnvironment(torch.from_numpy(scene.truth.lights["train"])).latlong(light_rows)
         material = Material(torch.from_numpy(scene.truth.albedo).float(), roughness)
-        return cls(scene, material, light, GeometryStage(scene.expect_mesh(), CPU))
+        return cls(scene, material, light, Stage(scene.expect_mesh(), CPU))
 
     def cameras(self, views: int, size: int) -> list[Camera]:
         """``views`` training cameras, evenly strided, with images of ``size`` x ``size`` pixels."""
