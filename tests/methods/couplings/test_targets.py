@@ -174,9 +174,11 @@ def reference(prediction: Tensor, target: Tensor, view: Tensor, mode: str) -> tu
     return np.array(scales), np.array(shifts)
 
 
+@pytest.mark.parametrize("factor", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("mode", ["scale_shift", "scale"])
-def test_alignment_equals_the_reference(mode: str) -> None:
+def test_alignment_equals_the_reference(mode: str, factor: float) -> None:
     prediction, target, view = pixels()
+    prediction = factor * prediction
     alignment = align_views(prediction, target, view, VIEWS, mode)
     scale, shift = reference(prediction, target, view, mode)
     np.testing.assert_allclose(alignment.scale, scale, rtol=1e-5)
@@ -190,7 +192,7 @@ def test_alignment_equals_the_reference(mode: str) -> None:
 
 
 @pytest.mark.parametrize("mode", ["scale_shift", "scale", "none"])
-@pytest.mark.parametrize(("prediction", "target"), [(0.3, 0.6), (0.0, 0.6), (0.3, 0.0), (0.0, 0.0)])
+@pytest.mark.parametrize(("prediction", "target"), [(0.3, 0.6), (0.0, 0.6), (0.3, 0.0), (0.0, 0.0), (-0.3, 0.6)])
 def test_constant_images_are_safe(mode: str, prediction: float, target: float) -> None:
     view = torch.tensor([0, 0, 0, 2, 2])  # views 1 and 3 have no pixels
     p, t = torch.full((5, 3), prediction), torch.full((5, 3), target)
@@ -198,6 +200,7 @@ def test_constant_images_are_safe(mode: str, prediction: float, target: float) -
     assert bool(torch.isfinite(alignment.scale).all() & torch.isfinite(alignment.shift).all())
     assert alignment.scale[[1, 3]].tolist() == [1, 1]
     assert alignment.shift[[1, 3]].tolist() == [0, 0]
+    assert mode != "scale" or prediction > 0 or alignment.scale[0] == 1
     if mode == "scale_shift":
         assert alignment.scale.tolist() == [1, 1, 1, 1]
         torch.testing.assert_close(alignment(p, view, torch.ones(5, 1)), t)
