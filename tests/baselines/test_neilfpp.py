@@ -101,8 +101,6 @@ def test_a_level_of_a_hash_grid_is_linear_between_its_entries():
 
 
 # ---- the trace loss ----------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def facing() -> Stage:
     """Two squares [-1, 1]^2 that face each other, at z = 0 and z = 1."""
@@ -148,8 +146,6 @@ def test_the_trace_loss_is_the_distance_to_what_the_other_plane_sends(facing: St
 
 
 # ---- the method --------------------------------------------------------------------------------------------------------
-
-
 def home_ground(tiny: Scene) -> tuple[Scene, Reflecting]:
     """Photographs by its own sums over directions, of incident light that other parts of the object send or hide."""
 

@@ -68,8 +68,6 @@ def test_forgets_what_was_used_longest_ago(tmp_path: Path) -> None:
 
 
 # ---- what may lie in the place of an entry -----------------------------------------------------------------------------
-
-
 def flip(path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[-1] ^= 1
@@ -104,8 +102,6 @@ def test_entries_that_are_not_as_they_were_written_are_made_again(
 
 
 # ---- what may lie in the place of the folder ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES])
 def test_a_folder_that_is_full_or_read_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], number: int

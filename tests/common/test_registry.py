@@ -158,8 +158,6 @@ def test_whatever_an_annotation_may_mean_is_let_through() -> None:
 
 
 # ---- the code of plugins ---------------------------------------------------------------------------------------------
-
-
 PACKAGE = {
     "__init__.py": "from .prior import Good",
     "prior.py": GOOD,

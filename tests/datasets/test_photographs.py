@@ -132,8 +132,6 @@ def test_the_package_is_fetched_once_and_checked(tmp_path: Path, monkeypatch: py
 
 
 # -- fetching ----------------------------------------------------------------------------------------------------------
-
-
 # -- recipes -----------------------------------------------------------------------------------------------------------
 def maps_of(names: set[str]) -> set[str]:
     lights = {light for name in names for light in recipe.RECIPES[name].lights.values()}

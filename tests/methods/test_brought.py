@@ -71,8 +71,6 @@ def pictures(scene: Scene, tmp_path: Path) -> Path:
 
 
 # ---- assets ----
-
-
 def test_an_asset_comes_back_on_its_mesh_with_what_is_declared(scene: Scene, asset: Assets, files: Path) -> None:
     declared = {"authors": "Ada", "seconds": 12.5}
     paths = {"path": str(files / "asset.glb"), "light": str(files / "light.exr")}
@@ -143,8 +141,6 @@ def test_axes_that_are_wrong_are_named_with_those_that_would_be_right(scene: Sce
 
 
 # ---- pictures ----
-
-
 def test_pictures_are_scored_as_they_are(scene: Scene, pictures: Path) -> None:
     result, notes = brought(scene, BroughtImages, path=str(pictures))
     assert notes == []

@@ -210,7 +210,7 @@ def test_several_materials_share_one_texture_and_keep_their_values(tmp_path: Pat
 
 
 def test_blenders_own_exporter() -> None:
-    """``by_blender.py`` made the file: a sphere with painted maps about (0, 0, .5), and a plain cube about (.8, .1, .3), z up."""
+    """A sphere with painted maps about (0, 0, .5), and a plain cube about (.8, .1, .3), z up (datasets/recipes/by_blender.py)."""
     rng = np.random.default_rng(0)
     base, packed = (rng.integers(0, 256, (8, 8, 3))[::-1] / np.float32(255) for _ in range(2))  # Blender's first row is the lowest
     asset, notes = read(Path(__file__).with_name("by_blender.glb"))

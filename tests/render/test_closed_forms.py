@@ -235,8 +235,6 @@ def test_estimator_agrees_with_brute_force(tiny_stage: Stage, tiny_material: Mat
 
 
 # ---------------------------------------------------------------- convergence
-
-
 def test_error_falls_as_the_root_of_the_samples(tiny_stage: Stage, tiny_material: Material, tiny_sun: torch.Tensor) -> None:
     """Slope of log error over log samples from 8 to 512 independent samples: -1/2 (-0.490 +- 0.005 over ten seeds).
 

@@ -88,8 +88,6 @@ def test_points_that_miss_count_as_nothing() -> None:
 
 
 # ---------------------------------------------------------------- mistakes and layouts
-
-
 @pytest.mark.parametrize(
     ("shape", "where", "wanted"),
     [

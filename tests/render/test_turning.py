@@ -168,8 +168,6 @@ def test_few_turns_stand_for_all():
 
 
 # ---- the axis, from cameras ----
-
-
 def ring(axis: np.ndarray, count: int, height: float, radius: float, middle: np.ndarray, noise: float) -> list[View]:
     rng = np.random.default_rng(count)
     to_axis = np.linalg.svd(axis[None])[2][[1, 2, 0]].T * [1, 1, np.sign(np.linalg.svd(axis[None])[2][0] @ axis)]

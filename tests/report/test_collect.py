@@ -112,8 +112,6 @@ def test_a_broken_curve_is_named_and_does_not_fail_the_run(write_run: Write, tex
 
 
 # ---- a report's runs.csv read back ------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def first(write_run_below: Write, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two rows, two scenes, two seeds, of which one run failed and one has no view synthesis."""

@@ -148,7 +148,6 @@ def test_a_lead_is_decided_by_pairs_in_every_scene(seeds: dict[str, tuple[int, i
 
 
 # ---- claimed orderings, against differences and intervals worked out by hand ----
-
 HAT = ["hat"]
 
 
@@ -194,8 +193,6 @@ def test_a_lower_error_is_an_advantage() -> None:
 
 
 # ---- many comparisons at once, and scenes that nobody has seen ----
-
-
 def test_holm_is_worked_out_by_hand() -> None:
     """Five tests: .05 / 5 = .01, .0125, .01667, .025, .05. The fourth fails, and so the fifth, which alone would pass."""
     assert holm([0.045, 0.001, 0.026, 0.016, 0.012, None]) == [False, True, False, True, True, False]

@@ -239,8 +239,6 @@ def test_the_report_needs_no_trainer_no_prior_and_no_matplotlib_to_be_imported()
 
 
 # ---- how the runs were made ----
-
-
 def test_presets_threads_commits_and_changed_code_that_mix_stand_first(write_run: Write, tmp_path: Path) -> None:
     made = [("quick", 1, "abc"), ("quick", 1, "abc"), ("smoke", 2, "def+changes")]
     for seed, (preset, threads, commit) in enumerate(made):

@@ -91,8 +91,6 @@ def test_the_dictionary_has_the_documented_keys_and_is_json(guess: Predictions, 
 
 
 # ---- metamorphic relations ----
-
-
 def test_what_is_outside_the_mask_changes_nothing(guess: Predictions, truth: Predictions) -> None:
     def littered(images: Images) -> Images:
         outside = [c <= 0.5 for c in images.coverage]
@@ -115,8 +113,6 @@ def test_what_is_outside_the_mask_changes_nothing(guess: Predictions, truth: Pre
 
 
 # ---- the quick score of curves ----
-
-
 def test_the_quick_score_is_the_full_one_without_ssim_and_lpips(guess: Predictions, truth: Predictions) -> None:
     full, quick = score(guess, truth, PAPER).metrics, score_quick(guess, truth, PAPER)
     assert list(quick) == ["albedo_psnr", "aligned_albedo_psnr", "view_synthesis_psnr", "relighting_psnr", "roughness_mse"]

@@ -38,8 +38,6 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 # ---- a reconstruction that has no texture ----
-
-
 SMALL = Protocol(name="small", map_points=3, render_points=3, samples_per_pixel=18, noise="kept")
 VIEWPOINTS = ((2.0, 1.0, 1.5), (-2.0, 1.0, 0.5), (0.0, -2.5, 0.5), (1.0, 2.0, -1.0))
 

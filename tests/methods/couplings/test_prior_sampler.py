@@ -65,8 +65,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 # ---- what it is asked -----------------------------------------------------------------------------------------------
-
-
 def test_prior_is_shown_the_training_images_alone(problem: Problem) -> None:
     spy = Spy()
     samples = sampler(problem, spy).draw(None)
@@ -112,8 +110,6 @@ def test_an_albedo_outside_of_the_masks_is_told() -> None:
 
 
 # ---- some of the views ----------------------------------------------------------------------------------------------
-
-
 def test_restricted_gbuffer_sees_the_same(problem: Problem) -> None:
     texture = torch.rand(64, 64, 3, generator=torch.Generator().manual_seed(0))
     whole = texture_images(problem.renderer.surface, problem.gbuffer, texture)
@@ -140,8 +136,6 @@ def test_geometry_is_that_of_the_views_asked_about(problem: Problem) -> None:
 
 
 # ---- what is kept ---------------------------------------------------------------------------------------------------
-
-
 def test_samples_are_kept_with_what_they_cost(problem: Problem, cache: Path) -> None:
     first, second = sampler(problem, kept()), sampler(problem, again := kept())
     drawn, found = first.draw(None), second.draw(None)

@@ -151,8 +151,6 @@ def test_a_target_at_its_ceiling_asks_only_for_at_least_as_much(problem: Problem
 
 
 # ---- SSI -------------------------------------------------------------------------------------------------------------
-
-
 def pixels(count: int = 500, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
     """Random predictions and targets (P, 3) in views (P,); the views have different numbers of pixels."""
     generator = torch.Generator().manual_seed(seed)

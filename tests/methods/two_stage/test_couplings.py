@@ -78,8 +78,6 @@ def questions(prior: Noisy) -> list[tuple[str, int]]:
 
 
 # ---- it resumes ------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module", params=CASES)
 def uninterrupted(request: pytest.FixtureRequest, problem: Problem, scene: Scene) -> tuple[Found, Record, Problem, FitSettings]:
     """A whole fit that has kept its state after every step."""
@@ -101,8 +99,6 @@ def test_resumed_fit_ends_with_the_same_bits(
 
 
 # ---- the prior is asked as the paper says ----------------------------------------------------------------------------
-
-
 def test_stage_two_is_guided_by_renders(problem: Problem, scene: Scene) -> None:
     """The albedo that guides is the texture of that moment, seen from the training cameras."""
     constant = replace(SETTINGS.rates, final=1.0)  # nothing of stage 1 may depend on the length of the whole
@@ -166,8 +162,6 @@ def test_distillation_follows_its_period(problem: Problem, scene: Scene) -> None
 
 
 # ---- it helps --------------------------------------------------------------------------------------------------------
-
-
 class Gaussian:
     """A distribution of albedo N(mean, 1) around a texture's picture, as a distiller sees it: noised and denoised."""
 

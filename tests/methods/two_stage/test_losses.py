@@ -106,8 +106,6 @@ def test_similar_neighbours_are_smoothed_and_edges_are_not(problem: Problem) -> 
 
 
 # ---- two estimates that judge each other -----------------------------------------------------------------------------
-
-
 def test_crossed_loss_without_noise_is_the_l1_beyond_its_cut_and_a_parabola_within() -> None:
     target = torch.tensor([[0.0, 0.05, 0.5], [1.0, 10.0, 1e6]])
     far = 3 * target + 1

@@ -21,9 +21,8 @@ from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import NoPrior
 from ia_bench.scenes.scene import Scene
 
+
 # ---- it recovers -----------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def long_fits(problem: Problem, scene: Scene) -> dict[str, Found]:
     """The exact oracle and no prior, long enough to tell them apart."""
@@ -69,8 +68,6 @@ def test_l1_recovers_too(problem: Problem, scene: Scene, record: Record) -> None
 
 
 # ---- it repeats and resumes ------------------------------------------------------------------------------------------
-
-
 def test_same_seed_same_numbers(problem: Problem, scene: Scene) -> None:
     results = []
     for seed in (0, 0, 1):
@@ -81,8 +78,6 @@ def test_same_seed_same_numbers(problem: Problem, scene: Scene) -> None:
 
 
 # ---- what goes wrong is said -----------------------------------------------------------------------------------------
-
-
 def test_a_prior_that_was_asked_about_views_without_the_mesh_leaves_the_start_to_the_images(problem: Problem) -> None:
     parameters = Parameters(problem, SETTINGS)
     start_albedo(parameters, problem, 0.5, None)

@@ -9,9 +9,8 @@ import torch.nn.functional as F
 from ldm_unet import Up, attend
 from torch import Tensor, nn
 
+
 # ---- autoencoder -----------------------------------------------------------------------------------------------------
-
-
 class PlainResidual(nn.Module):
     def __init__(self, channels: int, out: int) -> None:
         super().__init__()
@@ -117,8 +116,6 @@ class Autoencoder(nn.Module):
 
 
 # ---- image encoder ---------------------------------------------------------------------------------------------------
-
-
 class QuickGelu(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         return x * torch.sigmoid(1.702 * x)

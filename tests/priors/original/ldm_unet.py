@@ -18,8 +18,6 @@ def attend(query: Tensor, key: Tensor, value: Tensor, heads: int) -> Tensor:
 
 
 # ---- UNet ------------------------------------------------------------------------------------------------------------
-
-
 class Residual(nn.Module):
     def __init__(self, channels: int, embedding: int, out: int) -> None:
         super().__init__()

@@ -83,8 +83,6 @@ def test_from_the_best_row_of_a_scene_to_its_pictures(page: Any) -> None:
 
 
 # ---- for other readers: in the dark, on a phone, on paper, without scripts ----
-
-
 def test_on_a_phone_nothing_but_the_table_is_wider_than_the_window(page: Any) -> None:
     """The narrowest phone in use; also with pictures, plots and the numbers behind a cell."""
     page.set_viewport_size({"width": 360, "height": 740})
@@ -109,8 +107,6 @@ def test_text_is_there_before_any_script(browser: Any, page_folder: Path) -> Non
 
 
 # ---- error against run time ----
-
-
 def curves(page: Any) -> None:
     page.locator("#curves").scroll_into_view_if_needed()
     page.wait_for_function("bench.plots && bench.plots.plots.length === 5")
@@ -216,7 +212,6 @@ def test_nothing_is_dashed_once_all_runs_have_finished(page: Any, dashes: Callab
 
 
 # ---- what a prior is worth ----
-
 TABLE = """
 reference: none
 captures: [{}, {views: 2}]
