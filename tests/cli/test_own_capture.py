@@ -8,42 +8,33 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
+from spoils import Spoil, edited
 
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene, View
 
-Strip = Callable[[Path], Any]
-
-
-def edit(path: Path, change: Callable[[dict[str, Any]], Any]) -> None:
-    content = json.loads(path.read_text())
-    change(content)
-    path.write_text(json.dumps(content))
-
 
 def without_albedo(folder: Path) -> None:
-    edit(folder / "scene.json", lambda scene: scene["truth_textures"].pop("albedo"))
+    edited("scene.json", lambda scene: scene["truth_textures"].pop("albedo"))(folder)
     for split in ("train", "test"):
-        edit(folder / f"transforms_{split}.json", lambda content: [frame.pop("albedo_path") for frame in content["frames"]])
+        edited(f"transforms_{split}.json", lambda content: [frame.pop("albedo_path") for frame in content["frames"]])(folder)
 
 
 def without_anything(folder: Path) -> None:
-    edit(folder / "scene.json", lambda scene: [scene.pop(key) for key in ("lights", "truth_textures", "splits")])
+    edited("scene.json", lambda scene: [scene.pop(key) for key in ("lights", "truth_textures", "splits")])(folder)
     for split in ("test", "novel"):
         (folder / f"transforms_{split}.json").unlink()
     for part in ("truth", "lights"):
         shutil.rmtree(folder / part)
     keys = ("albedo_path", "specular_path")
-    edit(folder / "transforms_train.json", lambda content: [frame.pop(key) for frame in content["frames"] for key in keys])
+    edited("transforms_train.json", lambda content: [frame.pop(key) for frame in content["frames"] for key in keys])(folder)
 
 
 UNTOLD = {"aligned_albedo", "albedo_error", "light", "log_light"}  # of which no line is told beside the others
@@ -58,7 +49,7 @@ UNTOLD = {"aligned_albedo", "albedo_error", "light", "log_light"}  # of which no
     ids=lambda value: getattr(value, "__name__", ""),
 )
 def test_a_scene_without_a_part_still_runs(
-    tiny_copy: Path, tmp_path: Path, strip: Strip, lacking: set[str], capfd: pytest.CaptureFixture[str]
+    tiny_copy: Path, tmp_path: Path, strip: Spoil, lacking: set[str], capfd: pytest.CaptureFixture[str]
 ) -> None:
     strip(tiny_copy)
     words = ["device=cpu", "threads=1", "preset=smoke", "fit.stage1_steps=2", "fit.stage2_steps=1", f"out={tmp_path / 'out'}"]

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
+from spoils import edited
 
 from ia_bench.checks.finding import difference
 from ia_bench.common.errors import InputError
@@ -25,12 +23,6 @@ from ia_bench.scenes.scene import Scene, View
 TRUTH_FIELDS = ("albedo", "roughness", "specular", "normal", "depth")
 TRAIN = "transforms_train.json"
 SHIPPED = Path(__file__).parents[2] / "datasets" / "scenes"
-
-
-def edit_json(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    content = json.loads(path.read_text())
-    change(content)
-    path.write_text(json.dumps(content))
 
 
 def refused(folder: Path, *parts: str) -> None:
@@ -112,7 +104,7 @@ def test_a_mesh_is_optional(tiny_copy: Path) -> None:
 def test_test_and_novel_views_are_optional(tiny_copy: Path) -> None:
     for split in ("test", "novel"):
         (tiny_copy / f"transforms_{split}.json").unlink()
-    edit_json(tiny_copy / "scene.json", lambda content: content.update(splits={"train": 16}))
+    edited("scene.json", lambda content: content.update(splits={"train": 16}))(tiny_copy)
     scene = NativeReader(tiny_copy).read(truth=False)
     assert (len(scene.train), scene.test, scene.novel) == (16, (), ())
 
@@ -124,7 +116,7 @@ def test_a_split_that_leads_nowhere_and_a_lens_are_refused(tiny_copy: Path) -> N
     with pytest.raises(InputError, match=r"transforms_test\.json"):
         NativeReader(tiny_copy).read(truth=False)
     (tiny_copy / "transforms_test.json").unlink()
-    edit_json(tiny_copy / TRAIN, lambda content: content["frames"][3].update(k1=0.1))
+    edited(TRAIN, lambda content: content["frames"][3].update(k1=0.1))(tiny_copy)
     with pytest.raises(InputError, match=r"frames\[3\]: expected a pinhole camera without distortion"):
         NativeReader(tiny_copy).read(truth=False)
 
@@ -134,7 +126,7 @@ def test_intrinsics_of_the_file_and_of_a_frame(tiny_copy: Path) -> None:
     before = NativeReader(tiny_copy).read(truth=False).train[3].camera
     assert before.centre == (16, 16)
     assert before.focal[0] == pytest.approx(16 / np.tan(0.5 * 0.6632251157578453))
-    edit_json(tiny_copy / TRAIN, lambda content: content["frames"][3].update(fl_x=2 * before.focal[0], cx=10.5))
+    edited(TRAIN, lambda content: content["frames"][3].update(fl_x=2 * before.focal[0], cx=10.5))(tiny_copy)
     scene = NativeReader(tiny_copy).read(truth=False)
     assert scene.train[3].camera.focal == pytest.approx((2 * before.focal[0],) * 2)
     assert scene.train[3].camera.centre == (10.5, 16)
@@ -151,7 +143,7 @@ def sharing(tiny_copy: Path) -> Path:
     shared.parent.mkdir()
     (folder / "lights" / "night.exr").rename(shared)
     told = {"shared": "any.exr", "sha256": hashlib.sha256(shared.read_bytes()).hexdigest()}
-    edit_json(folder / "scene.json", lambda content: content["lights"].update(night=told))
+    edited("scene.json", lambda content: content["lights"].update(night=told))(folder)
     return folder
 
 
@@ -170,7 +162,7 @@ def test_refuses_a_shared_light_that_is_not_the_one_of_the_scene(sharing: Path) 
 
 @pytest.mark.parametrize("name", ["../scenes/tiny/lights/sunset.exr", "/dev/null", 3])
 def test_a_shared_light_lies_in_the_folder_of_lights(sharing: Path, name: object) -> None:
-    edit_json(sharing / "scene.json", lambda content: content["lights"]["night"].update(shared=name))
+    edited("scene.json", lambda content: content["lights"]["night"].update(shared=name))(sharing)
     refused(sharing, r"scene\.json: lights\.night\.shared", "expected")
 
 
