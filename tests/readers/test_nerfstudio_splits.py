@@ -61,13 +61,6 @@ def test_a_frame_in_training_and_test_is_refused(folder: Path) -> None:
     assert f"test_filenames: expected every photograph once, found '{content[TRAIN][3]}' again, as in" in refused(folder)
 
 
-def test_a_photograph_of_two_frames_is_refused(folder: Path) -> None:
-    count = len(edited(WHOLE, lambda content: content["frames"].append({**content["frames"][2]}))(folder)["frames"])
-    said = refused(folder)
-    assert f"frames[{count - 1}]: file_path: expected every photograph once" in said
-    assert said.endswith("transforms.json: frames[2]: file_path")
-
-
 def test_a_photograph_in_two_files_of_frames_is_refused(tmp_path: Path, tiny: Scene) -> None:
     write_blender(tmp_path, scene_to_write(tiny))
     first = json.loads((tmp_path / "transforms_train.json").read_text())["frames"][0]
