@@ -5,11 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import os
-import random
-import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -139,31 +136,6 @@ def test_a_run_that_goes_on_says_where_its_files_are_now(folder: RunFolder) -> N
         again.write_record(good_record())
     RunFolder(path, CONFIG, HASH, setup={"command": "", "config": {}}).__exit__(None, None, None)
     assert RunSetup.read(path).command == moved["command"]
-
-
-WRITER = """
-import json, sys
-from ia_bench.runs.folder import RunFolder
-from pathlib import Path
-with RunFolder(Path(sys.argv[1]), {"seed": 0}, "a" * 64) as folder:
-    print("ready", flush=True)
-    for number in range(10**9):
-        folder.write_bytes("big.json", json.dumps({"number": number, "filler": list(range(20000))}).encode())
-"""
-
-
-def test_kill_9_while_writing_leaves_a_whole_file(tmp_path: Path) -> None:
-    for trial in range(4):
-        process = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE)
-        assert process.stdout is not None
-        process.stdout.readline()
-        while not (tmp_path / "big.json").is_file() and process.poll() is None:  # a busy machine is late with the first one
-            time.sleep(0.01)
-        time.sleep(0.05 + random.Random(trial).random() * 0.1)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        process.stdout.close()
-        assert len(json.loads((tmp_path / "big.json").read_text())["filler"]) == 20000
 
 
 def test_checkpoint_returns_what_it_was_given(folder: RunFolder) -> None:
