@@ -83,19 +83,3 @@ def page_folder(
 @pytest.fixture
 def page(open_page: Callable[[Path], Any], page_folder: Path) -> Any:
     return open_page(page_folder)
-
-
-@pytest.fixture
-def dashes() -> Callable[[Any], list[list[float]]]:
-    """A function that draws all plots of a page again and returns the dashes that this took."""
-    script = """() => {
-      const drawer = CanvasRenderingContext2D.prototype, own = drawer.setLineDash, seen = [];
-      drawer.setLineDash = function (dash) {
-        if (dash.length) seen.push([...dash]);
-        return own.call(this, dash);
-      };
-      bench.plots.plots.forEach((plot) => plot.redraw());
-      const end = (done) => { drawer.setLineDash = own; done(seen); };
-      return new Promise((done) => setTimeout(end, 100, done)); // uPlot draws a moment after it is told to
-    }"""
-    return lambda page: page.evaluate(script)

@@ -204,13 +204,6 @@ def test_the_frame_cuts_no_mark(name: str, time: str, request: pytest.FixtureReq
     assert min(room) >= AIR
 
 
-def test_nothing_is_dashed_once_all_runs_have_finished(page: Any, dashes: Callable[[Any], list[list[float]]]) -> None:
-    """Not even the second row, nor ceiling and floor: dashes are for runs that go on (test_live_page)."""
-    curves(page)
-    assert page.locator(".chip").count() == 2
-    assert dashes(page) == []
-
-
 # ---- what a prior is worth ----
 TABLE = """
 reference: none
