@@ -106,18 +106,6 @@ def test_what_is_declared_is_marked_as_declared(asset_run: Path, pictures_run: P
     assert [row[-3] for row in printed.body] == ["3.5 (declared)", "–"]
 
 
-def test_other_files_make_another_run(run: Path, tmp_path: Path) -> None:
-    """The same path with other bytes is another configuration."""
-    from ia_bench.runs.identity import hash_of, identity
-
-    path = tmp_path / "asset.glb"
-    hashes = []
-    for content in ((run / "asset.glb").read_bytes(), (run / "asset.glb").read_bytes() + b" "):
-        path.write_bytes(content)
-        hashes.append(hash_of(identity(compose(["scene=tiny", "method=asset", f"method.options.path={path}", *SMALL]))))
-    assert hashes[0] != hashes[1]
-
-
 MISTAKES: dict[str, tuple[list[str], str]] = {
     "nothing": (["--scene", "tiny", "seed=3"], "expected one mesh (.glb, .gltf, .obj) or folder of pictures, found seed=3"),
     "no scene": (["RUN/asset.glb"], "--scene: expected the scene that it was recovered of"),

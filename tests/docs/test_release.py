@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -49,9 +50,13 @@ def test_the_citation_keeps_to_its_format() -> None:
         assert isinstance(work.get("year", 0), int)
 
 
-def test_title_and_authors_are_everywhere_the_same() -> None:
+def test_title_authors_and_licence_are_everywhere_the_same() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    described = json.loads((ROOT / "datasets" / "croissant.json").read_text(encoding="utf-8"))
+    licence = (ROOT / "datasets" / "LICENSE").read_text(encoding="utf-8")
     assert (ROOT / "README.md").read_text(encoding="utf-8").startswith(f"# {citation['title']}\n")
+    assert (described["version"], described["license"] in licence) == (citation["version"], True)
     names = [author["name"] for author in citation["authors"]]
-    assert all([author["name"] for author in each["authors"]] == names for each in DISTRIBUTIONS)
-    assert all(name in (ROOT / "datasets" / "LICENSE").read_text(encoding="utf-8") for name in names)
+    told = [each["authors"] for each in DISTRIBUTIONS] + [described["creator"]]
+    assert all([author["name"] for author in authors] == names for authors in told)
+    assert all(name in licence for name in names)

@@ -60,32 +60,10 @@ def test_every_component_against_scikit_image(guess: Predictions, truth: Predict
     assert scores.metrics["roughness"] == {"mse": pytest.approx(np.mean(errors), rel=1e-9)}
 
 
-def test_the_dictionary_has_the_documented_keys_and_is_json(guess: Predictions, truth: Predictions) -> None:
+def test_the_dictionary_is_json_and_says_the_protocol(guess: Predictions, truth: Predictions) -> None:
     stored = json.loads(json.dumps(score(guess, truth, PAPER).as_dict(), allow_nan=False))
-    triple = {"psnr", "ssim", "lpips"}
-    assert {name: set(values) for name, values in stored["metrics"].items()} == {
-        **{name: triple for name in ("albedo", "aligned_albedo", "view_synthesis", "relighting")},
-        "roughness": {"mse"},
-        "light": {"psnr"},
-        "log_light": {"rmse"},
-        "albedo_error": {"total", "level", "low", "high", "unseen"},
-    }
-    assert {name: set(values) for name, values in stored["variants"].items()} == {
-        "albedo_linear": {"psnr"},
-        "aligned_albedo_linear": {"psnr"},
-        "aligned_albedo_per_channel": triple,
-        "aligned_albedo_per_channel_linear": {"psnr"},
-        "aligned_albedo_least_squares": triple,
-        "aligned_albedo_least_squares_linear": {"psnr"},
-        "albedo_whole_image": {"psnr"},
-        "aligned_albedo_whole_image": {"psnr"},
-        "view_synthesis_whole_image": {"psnr"},
-        "relighting_whole_image": {"psnr"},
-    }
     assert stored["protocol"] == "paper-v3 (lpips.net=squeeze)"
     assert stored["protocol_description"]["alignment"] == "mean_rgb"
-    lacking = ("light.", "log_light.", "albedo_error.")  # the made-up truth has no light and no mesh
-    assert all(key.startswith(lacking) for key in stored["reasons"])
     assert [len(stored["per_image"]["relighting"][light]["ssim"]) for light in ("night", "studio")] == [3, 3]
     assert np.mean(stored["per_image"]["albedo"]["ssim"]) == pytest.approx(stored["metrics"]["albedo"]["ssim"])
 
