@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from coarse import COARSE
 
 from ia_bench.cli.score import main
 from ia_bench.render.asset_files import moved, read_asset
@@ -19,14 +20,7 @@ from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
 from ia_bench.runs.recovered import Rescorer
 
-SMALL = [
-    "protocol=paper-v2",
-    "protocol.map_points=2",
-    "protocol.render_points=2",
-    "protocol.samples_per_pixel=8",
-    "device=cpu",
-    "threads=1",
-]
+SMALL = ["protocol=paper-v2", *COARSE, "device=cpu", "threads=1"]
 
 
 def metrics(folder: Path) -> dict[str, dict[str, float]]:
