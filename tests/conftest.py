@@ -58,6 +58,15 @@ def ceiling(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Where indirect light is baked once for all tests of a file, on an atlas of 32 x 32 texels in place of a score's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("IA_BENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setattr("ia_bench.render.reconstruction.REFERENCE_ATLAS", 32)
+        yield
+
+
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     """A real browser, by ``apt-get install chromium`` and the extra ``browser``; without one what needs it is skipped, visibly."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -19,19 +18,12 @@ from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import REFERENCE, REFERENCE_BOUNCES
 from ia_bench.render.stage import Stage
 
+pytestmark = pytest.mark.usefixtures("own_cache")
+
 CPU = torch.device("cpu")
-ATLAS = 32  # texels along a side, in place of as many as a score takes
+ATLAS = 32  # texels along a side, as own_cache has it
 CAMERAS = [camera_at((2.0, 1.0, 1.5), pixels=9), camera_at((-2.0, 1.0, 0.5), pixels=9)]
 USUAL = {"albedo_scale": None, "quality": Quality(2, 16, 3)}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Where the ball's indirect light is baked, once for all tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("IA_BENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
-        patch.setattr("ia_bench.render.reconstruction.REFERENCE_ATLAS", ATLAS)
-        yield
 
 
 @pytest.fixture

@@ -10,14 +10,13 @@ from pathlib import Path
 import pytest
 from scored_runs import put_setup
 
-from ia_bench.common.paths import scenes_folders
-from ia_bench.readers.native import NativeReader
 from ia_bench.runs.composition import compose
 from ia_bench.runs.identity import identity, setup
 from ia_bench.runs.pictures.drawing import SceneRenderer
 from ia_bench.runs.pictures.packing import PICTURES, bundle
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.exr import write_exr
+from ia_bench.scenes.scene import Scene
 
 TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
 SCALE = 1.25  # between the albedo of the perfect run and the truth
@@ -69,11 +68,6 @@ def write_run(write_run_below: Callable[..., Path], tmp_path: Path) -> Callable[
     return partial(write_run_below, tmp_path)
 
 
-@pytest.fixture
-def scene_folder() -> Path:
-    return scenes_folders()[0] / "tiny"
-
-
 @pytest.fixture(scope="session")
 def put_on_scene() -> Callable[[Path, Path], None]:
     """A function that makes a run folder's config.json say that the run was on a scene folder."""
@@ -103,10 +97,9 @@ def keep_pictures() -> Callable[..., None]:
 
 
 @pytest.fixture
-def perfect_run(tmp_path: Path, scene_folder: Path, put_on_scene: Callable[[Path, Path], None]) -> Path:
+def perfect_run(tmp_path: Path, tiny: Scene, tiny_folder: Path, put_on_scene: Callable[[Path, Path], None]) -> Path:
     """The folder of a run that recovered everything up to the one scale that cannot be known."""
-    truth = NativeReader(scene_folder).read(truth=True).truth
-    assert truth is not None
+    truth = tiny.truth
     folder = tmp_path / "run"
     write_exr(folder / "albedo.exr", truth.albedo / SCALE, half=False)
     write_exr(folder / "roughness.exr", truth.roughness, half=False)
@@ -127,5 +120,5 @@ def perfect_run(tmp_path: Path, scene_folder: Path, put_on_scene: Callable[[Path
         "metrics": {"aligned_albedo": psnr, "view_synthesis": psnr, "relighting": {"psnr": None}, "roughness": {"mse": 0.0}},
     }
     (folder / "metrics.json").write_text(json.dumps(metrics))
-    put_on_scene(folder, scene_folder)
+    put_on_scene(folder, tiny_folder)
     return folder
