@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from bowls import ball_views
+from shapes import wrong_by
 
 from ia_bench.capture.faults import misplaced, mistaken_masks
 from ia_bench.capture.settings import FaultSettings
@@ -19,12 +20,6 @@ from ia_bench.geometry.refinement import surface_from_images
 from ia_bench.scenes.scene import Scene, View
 
 VIEWS = ball_views(40)
-
-
-def wrong_by(views: list[View] | tuple[View, ...], true: list[View] | tuple[View, ...], points: np.ndarray) -> float:
-    """Pixels by which the cameras move points in their images, root mean square."""
-    apart = [seen_at(v.camera, points) - seen_at(t.camera, points) for v, t in zip(views, true, strict=True)]
-    return float(np.sqrt(np.mean([(one**2).sum(-1).mean() for one in apart])))
 
 
 def radii(views: list[View] | tuple[View, ...]) -> np.ndarray:

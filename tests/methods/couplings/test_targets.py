@@ -14,7 +14,6 @@ from ia_bench.methods.contract import Coupling, PixelSamples, Problem, StepRende
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.couplings.targets import ALIGNMENT_PERIOD, Distilled, Targets, align_views
 from ia_bench.priors.contract import PriorInfo
-from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb
 
 VIEWS = 4
@@ -26,16 +25,6 @@ class Encoded:
 
     def __init__(self, albedo: str = "srgb") -> None:
         self.info = PriorInfo(BOTH, encoding={"albedo": albedo, "specular": "srgb"})
-
-
-@pytest.fixture(scope="module")
-def texture() -> Tensor:
-    return 0.2 + 0.6 * torch.rand(64, 64, 3, generator=torch.Generator().manual_seed(0))
-
-
-def seen(problem: Problem, texture: Tensor) -> Tensor:
-    """The texture's albedo in every training pixel, through the renderer's own pictures: (P, 3)."""
-    return problem.pixels_of(texture_images(problem.renderer.surface, problem.gbuffer, texture))
 
 
 def even(**values: Tensor) -> PixelSamples:
@@ -57,39 +46,37 @@ def losses(coupling: Coupling, shown: Tensor, pixels: Tensor, texture: Tensor | 
     return {name: float(value) for name, value in found.items()}
 
 
-def test_alignment_is_found_from_the_texture(problem: Problem, texture: Tensor) -> None:
+def test_alignment_is_found_from_the_texture(problem: Problem, texture: Tensor, seen: Tensor) -> None:
     """The estimate must see the same pixels as the renderer: half the albedo as target gives the scale 1/2 exactly."""
-    pixels = seen(problem, texture)
-    every = torch.arange(len(pixels))
+    every = torch.arange(len(seen))
     for mode in ("scale", "scale_shift"):
-        targets = prepared(Targets(ssi=mode), problem, even(albedo=0.5 * pixels), texture)  # type: ignore[arg-type]
+        targets = prepared(Targets(ssi=mode), problem, even(albedo=0.5 * seen), texture)  # type: ignore[arg-type]
         state = targets.state()
         torch.testing.assert_close(state["scale"], torch.full((16,), 0.5), rtol=1e-4, atol=0)
         torch.testing.assert_close(state["shift"], torch.zeros(16), rtol=0, atol=1e-5)
-        assert losses(targets, pixels, every)["albedo"] < 1e-4
-        assert losses(targets, pixels * torch.tensor([1.2, 1.0, 0.8]), every)["albedo"] > 0.01
+        assert losses(targets, seen, every)["albedo"] < 1e-4
+        assert losses(targets, seen * torch.tensor([1.2, 1.0, 0.8]), every)["albedo"] > 0.01
 
 
 @pytest.mark.parametrize("encoding", ["linear", "srgb"])
-def test_loss_is_the_weighted_mean_difference_in_the_priors_encoding(problem: Problem, texture: Tensor, encoding: str) -> None:
-    pixels, chosen = seen(problem, texture), torch.tensor([3, 50, 700])
-    target, weight = pixels.flip(0), torch.rand(len(pixels), 1, generator=torch.Generator().manual_seed(1))
+def test_loss_is_the_weighted_mean_in_the_priors_encoding(problem: Problem, texture: Tensor, seen: Tensor, encoding: str) -> None:
+    chosen = torch.tensor([3, 50, 700])
+    target, weight = seen.flip(0), torch.rand(len(seen), 1, generator=torch.Generator().manual_seed(1))
     told = altered(problem, prior=Encoded(encoding))
     targets = prepared(Targets(ssi="none"), told, PixelSamples({"albedo": target}, weight), texture)
     encode = linear_to_srgb if encoding == "srgb" else np.asarray
-    differences = np.abs(encode(pixels[chosen].double().numpy()) - encode(target[chosen].double().numpy()))
+    differences = np.abs(encode(seen[chosen].double().numpy()) - encode(target[chosen].double().numpy()))
     expected = (weight[chosen].double().numpy() * differences).mean()
-    assert losses(targets, pixels[chosen], chosen)["albedo"] == pytest.approx(expected, rel=1e-4)
+    assert losses(targets, seen[chosen], chosen)["albedo"] == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize("kind", [Targets, Kernel, Distilled])
-def test_one_weight_a_component(problem: Problem, texture: Tensor, kind: type) -> None:
+def test_one_weight_a_component(problem: Problem, texture: Tensor, seen: Tensor, kind: type) -> None:
     """A loss is in proportion to it; one without is not there, and not asked for."""
-    pixels = seen(problem, texture)
-    samples, every = even(albedo=pixels.flip(0), specular=pixels.flip(0)), torch.arange(len(pixels))
+    samples, every = even(albedo=seen.flip(0), specular=seen.flip(0)), torch.arange(len(seen))
 
     def found(**weights: float) -> dict[str, float]:
-        return losses(prepared(kind(**weights), problem, samples, texture), pixels, every, texture)
+        return losses(prepared(kind(**weights), problem, samples, texture), seen, every, texture)
 
     one, other = found(albedo=1.0, specular=1.0), found(albedo=0.5, specular=0.1)
     assert min(one.values()) > 0
@@ -98,18 +85,17 @@ def test_one_weight_a_component(problem: Problem, texture: Tensor, kind: type) -
     assert kind(albedo=0.0, specular=1.0).uses(BOTH) == {"specular"}
 
 
-def test_distilled_loss_is_half_the_square_and_needs_no_alignment(problem: Problem, texture: Tensor) -> None:
-    pixels = seen(problem, texture)
-    distilled = prepared(Distilled(), problem, even(albedo=0.5 * pixels, specular=0.25 * pixels), texture)
+def test_distilled_loss_is_half_the_square_and_needs_no_alignment(problem: Problem, texture: Tensor, seen: Tensor) -> None:
+    distilled = prepared(Distilled(), problem, even(albedo=0.5 * seen, specular=0.25 * seen), texture)
     assert distilled.state() == {}
-    exact, found = pixels.double().numpy(), losses(distilled, pixels, torch.arange(len(pixels)))
+    exact, found = seen.double().numpy(), losses(distilled, seen, torch.arange(len(seen)))
     for name, factor in (("albedo", 0.5), ("specular", 0.25)):
         expected = 0.5 * ((linear_to_srgb(exact) - linear_to_srgb(factor * exact)) ** 2).mean()
         assert found[name] == pytest.approx(expected, rel=1e-4)
 
 
-def test_alignment_is_estimated_when_due(problem: Problem, texture: Tensor) -> None:
-    samples = even(albedo=seen(problem, texture))
+def test_alignment_is_estimated_when_due(problem: Problem, texture: Tensor, seen: Tensor) -> None:
+    samples = even(albedo=seen)
     targets, scales = prepared(Targets(), problem, samples), []
     for step in range(2 * ALIGNMENT_PERIOD + 1):
         targets.update(texture * (1 - 0.01 * step), step)
@@ -124,16 +110,13 @@ def test_alignment_is_estimated_when_due(problem: Problem, texture: Tensor) -> N
     assert resumed.state() == {}
 
 
-def test_views_that_were_not_asked_have_no_say(problem: Problem, texture: Tensor) -> None:
-    pixels = seen(problem, texture)
+def test_views_that_were_not_asked_have_no_say(problem: Problem, texture: Tensor, seen: Tensor) -> None:
     asked = problem.gbuffer.pixel < 4 * problem.gbuffer.shape[1] * problem.gbuffer.shape[2]
-    samples = PixelSamples(
-        {"albedo": torch.where(asked[:, None], 0.5 * pixels, 0.0)}, asked.float()[:, None] / asked.float().mean()
-    )
+    samples = PixelSamples({"albedo": torch.where(asked[:, None], 0.5 * seen, 0.0)}, asked.float()[:, None] / asked.float().mean())
     others = torch.nonzero(~asked)[:, 0]
     for kind in (Targets, Kernel):
-        assert losses(prepared(kind(), problem, samples, texture), pixels[others], others, texture)["albedo"] == 0
-    assert losses(prepared(Targets(), problem, samples, texture), pixels, torch.arange(len(pixels)))["albedo"] < 1e-4
+        assert losses(prepared(kind(), problem, samples, texture), seen[others], others, texture)["albedo"] == 0
+    assert losses(prepared(Targets(), problem, samples, texture), seen, torch.arange(len(seen)))["albedo"] < 1e-4
 
 
 @pytest.mark.parametrize("kind", [Targets, Kernel])
