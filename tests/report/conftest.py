@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from run_records import write_record
 from scored_runs import put_setup
 
 from ia_bench.runs.composition import compose
@@ -18,9 +19,7 @@ from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.scene import Scene
 
-TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
 SCALE = 1.25  # between the albedo of the perfect run and the truth
-HEADER = "stage,step,seconds,albedo_psnr,aligned_albedo_psnr,view_synthesis_psnr,relighting_psnr,roughness_mse"
 
 
 @pytest.fixture(scope="session")
@@ -28,36 +27,8 @@ def write_run_below() -> Callable[..., Path]:
     """A function that writes one run folder below ROOT/runs and returns it."""
 
     def write(root: Path, row: str, scene: str, seed: int = 0, psnr: float | None = 20.0, **changes: object) -> Path:
-        """``changes`` replace top-level keys of metrics.json; ``curve`` is the text of curve.csv below its header."""
-        folder = root / "runs" / f"{row}-{scene}-{seed}".replace("/", "_")
-        folder.mkdir(parents=True)
-        curve = changes.pop("curve", None)
-        metrics = {name: {"psnr": psnr, "ssim": 0.9, "lpips": 0.1} for name in TRIPLES} | {"roughness": {"mse": 0.05}}
-        data = {
-            "schema": 2,
-            "row": row,
-            "scene": scene,
-            "seed": seed,
-            "protocol": "paper-v1",
-            "protocol_description": {"lpips": {"net": "alex"}},
-            "config_hash": "0" * 8,
-            "status": "ok",
-            "sees_truth": False,
-            "metrics": metrics,
-            "reasons": {f"{name}.psnr": "undefined" for name in TRIPLES} if psnr is None else {},
-            "per_image": {},
-            "time_s": {"total": 60.0, "bake": 5.0, "prior": 0.0, "stage1": 30.0, "stage2": 15.0, "score": 10.0},
-            "peak_memory_bytes": 2**30,
-            "rays": 1000,
-            "network_calls": 0,
-            "plan": {},
-            "environment": {},
-            "files": {},
-        }
-        (folder / "metrics.json").write_text(json.dumps(data | changes))
-        if curve is not None:
-            (folder / "curve.csv").write_text(f"{HEADER}\n{curve}")
-        return folder
+        name = f"{row}-{scene}-{seed}".replace("/", "_")
+        return write_record(root / "runs" / name, row, psnr, scene, seed, **changes)
 
     return write
 
