@@ -140,18 +140,6 @@ def test_what_has_no_weight_guides_nothing_and_is_not_asked(
     assert set(prior.guidance) == (guided or set())
 
 
-@pytest.mark.parametrize("kind", [Targets, Kernel, Distilled])
-@pytest.mark.parametrize("name", ["albedo", "specular"])
-def test_components_can_be_switched_off(problem: Problem, scene: Scene, kind: type, name: str) -> None:
-    """Without a component's weight its sample has no influence; the ablation rows of the table rest on this."""
-    settings = replace(SETTINGS, guided=False)
-    views = tuple(replace(view, **{name: 0.1 * getattr(view, name)[::-1].copy()}) for view in scene.train)
-    for weight in (0.0, 1.0):
-        changed = coupled(problem, kind(**{"albedo": 1.0, "specular": 1.0, name: weight}))
-        exact = fit(changed, noisy(scene)[1], settings, Record())
-        assert same(exact, fit(changed, ToldPrior(Noisy(), lambda: views), settings, Record())) == (not weight)
-
-
 def test_distillation_follows_its_period(problem: Problem, scene: Scene) -> None:
     prior, told = noisy(scene)
     found = fit(coupled(problem, DISTILLED, prior_views=4), told, SETTINGS, Record())
