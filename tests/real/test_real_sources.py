@@ -44,10 +44,6 @@ def test_no_non_commercial_licence_among_the_free_ones() -> None:
     assert not [path for path in sums("sums.sha256") if path.startswith("nc/")]
 
 
-def test_the_lists_are_small() -> None:
-    assert sum(path.stat().st_size for path in LISTS.glob("*")) < 400_000
-
-
 def test_training_sees_open_files_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free, evaluated, bought, unknown = (tmp_path / name for name in ("free", "evaluated", "nc", "unknown"))
     for path in (free, evaluated, bought, unknown):
