@@ -45,8 +45,6 @@ def test_textures_read_back_score_the_same(fit: ib.Fit, scene: ib.LoadedScene) -
 
 
 def test_a_light_is_a_name_a_file_or_an_array(fit: ib.Fit, scene: ib.LoadedScene, tmp_path: Path) -> None:
-    assert scene.truth is not None
-    assert fit.light is not None
     camera, name = scene.test[0].camera, next(iter(scene.truth.lights))
     write_exr(tmp_path / "light.exr", scene.truth.lights[name], half=False)
     named, read, given = (fit.render(camera, light) for light in (name, tmp_path / "light.exr", scene.truth.lights[name]))

@@ -166,7 +166,6 @@ class Offering(Sound):
         return Samples({name: 0.5 * level * render + 0.5 * seen for name, render in renders.items()})
 
     def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
-        assert observations.visibility is not None
         return Samples({"albedo": 0.5 * renders["albedo"] * (1 + observations.visibility)})
 
 

@@ -46,7 +46,6 @@ def camera(scene: Scene, **changes: object) -> Scene:
 
 
 def lights(scene: Scene, **changed: np.ndarray) -> Scene:
-    assert scene.truth is not None
     return replace(scene, truth=replace(scene.truth, lights={**scene.truth.lights, **changed}))
 
 

@@ -33,7 +33,6 @@ def test_gives_back_what_was_put(tmp_path: Path) -> None:
     assert cache.get(KEY) is None
     cache.put(KEY, TENSORS, ABOUT)
     found = cache.get(KEY)
-    assert found is not None
     assert same(found[0])
     assert found[1] == ABOUT
     assert [path.name for path in (tmp_path / "new" / "folder").iterdir()] == [f"{KEY}.safetensors"]

@@ -81,8 +81,6 @@ def metadata() -> Metadata:
 def made() -> tuple[str, Metadata]:
     """The manifest and the description of what is there now."""
     spec = importlib.util.spec_from_file_location("croissant", DATASETS / "croissant.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     manifest = module.sums(DATASETS)

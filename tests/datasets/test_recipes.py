@@ -155,7 +155,6 @@ def test_scans_are_the_objects_and_lights_that_are_closed_to_training() -> None:
     table = yaml.safe_load((ROOT / "conf" / "table" / "scans.yaml").read_text())
     assert set(table["scenes"]) == set(scans)
     named = re.search(r"^SCANS := (.+)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    assert named is not None
     assert set(named[1].split()) == set(scans)
 
 

@@ -45,7 +45,6 @@ def brought(scene: Scene, method: type, **options: Any) -> tuple[Result, list[st
 @pytest.fixture(scope="module")
 def asset(scene: Scene) -> Assets:
     """The true one."""
-    assert scene.truth is not None
     light = scene.truth.lights["train"].astype(np.float32)
     return Assets(scene.mesh, scene.truth.albedo.astype(np.float32), scene.truth.roughness.astype(np.float32), None, light)
 

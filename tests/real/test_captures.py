@@ -26,7 +26,6 @@ def test_a_capture_is_read_and_its_silhouettes_agree(
 ) -> None:
     monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
     entry = CAPTURES[name]
-    assert entry.path is not None
     folder = real_data / Path(entry.path).relative_to("results/real")
     if not folder.is_dir():
         pytest.skip(f"no {folder}: make real-data NC=1")

@@ -96,7 +96,6 @@ def test_our_own_file_comes_back(tmp_path: Path, square: Mesh) -> None:
     np.testing.assert_allclose(asset.mesh.uv, square.uv, atol=1e-7)
     assert np.abs(asset.albedo - albedo).max() < 0.5 / 255 * 2.3  # the steepest that the decoding of sRGB is
     assert np.abs(asset.roughness - roughness[..., 0]).max() <= HALF
-    assert asset.metallic is not None
     assert np.abs(asset.metallic - metallic[..., 0]).max() <= HALF
     np.testing.assert_array_equal(asset.light, light)
 

@@ -148,7 +148,6 @@ def test_checkpoint_returns_what_it_was_given(folder: RunFolder) -> None:
     state = {"step": 7, "name": "stage 1", "parts": [parameter.detach()], "optimizer": optimizer.state_dict()}
     folder.save_checkpoint(state | {"random": generator.get_state()})
     loaded = folder.load_checkpoint()
-    assert loaded is not None
     assert loaded["step"] == 7
     torch.testing.assert_close(loaded["parts"][0], parameter.detach(), rtol=0, atol=0)
     torch.testing.assert_close(loaded["random"], generator.get_state(), rtol=0, atol=0)

@@ -112,8 +112,6 @@ def test_a_truth_that_does_not_fit_is_an_error(
 
 
 def test_saturated_pixels_of_photographs_are_left_out(guess: Predictions, truth: Predictions) -> None:
-    assert truth.view_synthesis is not None
-    assert guess.view_synthesis is not None
     images, coverage = truth.view_synthesis.images, truth.view_synthesis.coverage
     saturated = np.zeros(coverage[0].shape, bool)
     saturated[15:20, 15:30] = True

@@ -141,7 +141,6 @@ def test_an_estimate_below_black_pulls_as_hard_as_one_at_its_target() -> None:
     for value in (1.0, -0.5, -3.0):
         estimate = torch.tensor([[value]], requires_grad=True)
         dual_buffer_loss(estimate, target + 1, target, 0.1).backward()
-        assert estimate.grad is not None
         slopes.append(float(estimate.grad))
     assert slopes[0] > 0
     assert slopes[1:] == pytest.approx([slopes[0]] * 2)

@@ -26,7 +26,6 @@ def frame() -> Frame:
     mask = torch.zeros(SIZE, SIZE)
     mask[2:-2, 2:-2] = 1
     found = Frame.around(mask, 32)
-    assert found is not None
     assert found.length > 3 * found.side
     return found
 

@@ -39,7 +39,6 @@ def results(tmp_path: Path, write_run_below: Callable[..., Path]) -> Path:
 def watched(results: Path) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-m", "ia_bench", "watch", str(results), "--every", "0.2"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None
     assert process.stdout.readline().startswith(f"{results}/live/index.html opens in a browser")
     yield process
     process.kill()
