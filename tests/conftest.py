@@ -1,7 +1,5 @@
 """What every test shares: one thread, the shipped scene `tiny`, a copy of it that may be broken, a run on it, and a browser."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Meshes and cameras with known geometry, made here rather than read."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The examples of third parties' plugins and the baselines, installed as they say."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

@@ -1,7 +1,5 @@
 """The front door for Python gives what the command gives: the same run in the same folder, and the same numbers read back."""
 
-from __future__ import annotations
-
 import logging
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 The files of a walk are those of its row in the table there, no more and no fewer, in a folder where nothing else is.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Scenes on which a method is at home: photographs that its own renderer took of a known material under a known light."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

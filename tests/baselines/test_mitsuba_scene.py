@@ -1,7 +1,5 @@
 """Mitsuba 3 sees the same scene: orientation of textures, light and cameras, and gradients that belong to our texels."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """NeILF++: its networks, its sums over directions and its trace loss against independent answers, and as a method."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

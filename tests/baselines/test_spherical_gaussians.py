@@ -1,7 +1,5 @@
 """Spherical Gaussians against quadrature over the sphere: energy, products, integrals over the hemisphere, GGX, fits of a light."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """TensoIR: its tensor, its sums over directions and its light against independent answers, and as a method."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """USI3D: normalisations against their definitions, unpaired data, the losses' zeros, training, and the prior."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

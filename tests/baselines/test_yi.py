@@ -1,7 +1,5 @@
 """Yi et al.: spherical-harmonic shading against quadrature, the low-rank loss against numpy, training, and the prior."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Analytic cases are float64 and exact; products of a renderer are float32.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a capture leaves out, one setting at a time, and that truth stays what it was."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

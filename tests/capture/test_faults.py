@@ -1,7 +1,5 @@
 """Faults of a capture and what puts them right."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

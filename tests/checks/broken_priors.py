@@ -1,7 +1,5 @@
 """For every rule of the conformance check a prior that breaks it first: small changes of ``Sound``, which passes everything."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace

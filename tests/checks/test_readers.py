@@ -1,7 +1,5 @@
 """The check of readers: a sound one passes, and everything that a reader can get wrong is one cross that says so."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A place in which the command line is called."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import sys

@@ -3,8 +3,6 @@
 The run itself is replaced by tests/fake_run, so that these tests take seconds and say nothing about rendering.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Commands that are interrupted or started twice; spoiled checkpoints and outputs that nobody takes."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Scenes that lack a part of their truth, and photographs as a phone leaves them: JPEG and masks, no mesh, no splits."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

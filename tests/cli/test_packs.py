@@ -1,7 +1,5 @@
 """Packs through the command line: what is packed is verified, whatever is manipulated is found, and a board has rows by authors."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

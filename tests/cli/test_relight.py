@@ -1,7 +1,5 @@
 """Pictures under one's own light through the command line: what files hold, which way light and object turn, and bad input."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import stat

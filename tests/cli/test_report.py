@@ -1,7 +1,5 @@
 """A report is a command of its own: of run folders alone, the same as after a table, and nothing of a former one is left."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Sequence

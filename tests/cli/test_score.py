@@ -1,7 +1,5 @@
 """``ia-bench score``: a run's own asset and pictures come back with the run's scores, as rows that say what is declared."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The cache gives back what was put, forgets what was used longest ago, and never stops anybody whatever lies in its place."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Files are whole or absent, numbers and needs that make no sense are refused, and a full disk is told in one line."""
 
-from __future__ import annotations
-
 import argparse
 import errno
 import os

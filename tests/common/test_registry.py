@@ -1,7 +1,5 @@
 """Plugins of other distributions: found by metadata, imported on use, and unable to harm those that do not use them."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ The format's own program, `mlcroissant validate --jsonld datasets/croissant.json
 that is committed, and it reads all records of it.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re

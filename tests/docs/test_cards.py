@@ -1,7 +1,5 @@
 """Every file of weights has a card that says what the field asks of one, with the file's size and SHA-256."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from pathlib import Path

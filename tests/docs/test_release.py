@@ -1,7 +1,5 @@
 """What a release says of itself is the same in every place that says it."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """``make docs`` fails on an orphaned page and a word that search does not find; its page of settings is complete."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Photographs of shapes that are known in closed form: balls, and a textured bowl, half of a thick shell, hollow from above."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ia_bench.render.gbuffer import primary_rays

@@ -1,7 +1,5 @@
 """Silhouettes put wrong poses and masks right: what was spoiled by a known amount comes back, and sound views stay."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import bowls

@@ -1,7 +1,5 @@
 """What rays gather, against the same sums in float64 by torch, whose gradients are autograd's; and against closed forms."""
 
-from __future__ import annotations
-
 import gc
 import weakref
 from dataclasses import replace

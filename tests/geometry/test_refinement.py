@@ -1,7 +1,5 @@
 """Surfaces from images and masks: a bowl, whose hollow no outline shows, against its closed form."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import bowls

@@ -1,7 +1,5 @@
 """The shipped scene tiny as a problem, under the settings of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """What other software made comes back as it is: an asset on its mesh, pictures view by view; and each mistake is one sentence."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

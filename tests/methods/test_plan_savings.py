@@ -3,8 +3,6 @@
 Rays are counted, and the change of the picture is bounded in dB of sRGB, peak 1, noise of 256 samples a pixel included.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Bounds, pixels that a mask leaves out, and the unit of radiance: what photographs do not say pulls a fit nowhere."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The priors that come with the project keep the contract, and the protocol classes tell them from other objects."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """``prior=files``: pictures of a folder as samples, by hand; every mistake in one sentence; and the way of a user."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -4,8 +4,6 @@ Writers (ia_bench/readers/writers/) follow the description of a format alone and
 nobody exports into are here. What is written is quantised as its format is, and the bounds follow from the quantisation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -4,8 +4,6 @@ A case is a name, what is done to a copy of the scene `tiny` of few views, and w
 one, add it to the table of its kind; mistakes of one kind are mended in one place (`common/files.py`, `readers/contract.py`).
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

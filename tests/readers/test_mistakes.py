@@ -4,8 +4,6 @@ A case spoils a folder that test_round_trips.py reads as it should be read, and 
 cannot tell (docs/datasets.md lists it for each reader) is no case. To add one, write a line in the table of its format.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The reader of the native folder: what it reads; what it refuses is in test_hostile.py. And lights that several scenes share."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Which frames of transforms.json are for training and which are held out, and paths that lead to the folder by another way."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Photographs and masks as readers open them: names, turns, which mask is whose, and what pixels betray."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -4,8 +4,6 @@ Cameras are compared to 1e-6, photographs to their quantisation, truth to the tr
 (ia_bench/readers/writers/) from its description and a line of layouts.py. A mirror ball proves how each format lays a light out.
 """
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

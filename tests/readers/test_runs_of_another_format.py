@@ -1,7 +1,5 @@
 """A run of another format's files is read back from its folder, with the maps and the mesh that lie elsewhere."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Where the real data is: IA_BENCH_REAL_DATA, else results/real. Tests that need it skip without it, and say how to get it."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The real captures as the table reads them, small: views, exposures, and masks that agree with the poses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

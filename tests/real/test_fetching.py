@@ -1,7 +1,5 @@
 """``make real-data`` from repositories: local ones in place of GitHub's, with content that is made here."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess

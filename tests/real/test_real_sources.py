@@ -1,7 +1,5 @@
 """The lists of datasets/real: complete, consistent, and what training may see of them."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import tomllib

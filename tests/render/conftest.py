@@ -1,7 +1,5 @@
 """The scene `tiny` as the renderer wants it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

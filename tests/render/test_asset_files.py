@@ -3,8 +3,6 @@
 Expected values are computed from the numbers that the files are written from, by the formats' own definitions.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import struct

@@ -3,8 +3,6 @@
 The closed forms start from the camera's matrix and the shapes' equations; they share no code with the renderer.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -5,8 +5,6 @@ part of the sphere: one half for a hemisphere. Under light 1 from everywhere the
 pi/2 (1 + rho/2 + ... + (rho/2)^n) at every point of it.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a GPU computes against the CPU: rays, a step with its gradients and its control variate, one fit."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Both ray tracers against Moeller and Trumbore's test of every ray with every triangle, in float64."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

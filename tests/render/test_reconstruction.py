@@ -1,7 +1,5 @@
 """The usual reconstruction, textures and a lat-long light, against the renderer that it stands for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The renderer around the estimator: pictures, what it does not depend on, and Cycles' direct light as a whole."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

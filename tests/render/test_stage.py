@@ -1,7 +1,5 @@
 """A stage keeps what it has traced, and looks at views of any size."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from shapes import camera_at, sphere

@@ -4,8 +4,6 @@ The first is rendered of a turned mesh by the renderer as it is, the second of a
 Both draw the same samples, so they agree to rounding, but for the few rays that hit another triangle at an edge.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Synthetic run folders, written as a run writes them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from functools import partial

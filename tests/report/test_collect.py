@@ -1,7 +1,5 @@
 """Reading run folders and a report's runs.csv: what is there arrives, what is broken is named and becomes a failure."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

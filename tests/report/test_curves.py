@@ -1,7 +1,5 @@
 """What the figures of error against run time draw."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

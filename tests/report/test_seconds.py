@@ -1,7 +1,5 @@
 """Gains at equal seconds and the Pareto front, against numbers worked out by hand."""
 
-from __future__ import annotations
-
 import csv
 import math
 from dataclasses import replace

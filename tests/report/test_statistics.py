@@ -1,7 +1,5 @@
 """Means and intervals against scipy's tests, and what failures, missing scenes and ties do to a table."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.stats

@@ -1,7 +1,5 @@
 """The whole report from run folders: every format, the paper's block, failures, foreign protocols, independence."""
 
-from __future__ import annotations
-
 import csv
 import math
 import re

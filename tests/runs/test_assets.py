@@ -1,7 +1,5 @@
 """The files a run leaves: EXR maps to the bit, and a glTF binary read back without the code that wrote it."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

@@ -1,7 +1,5 @@
 """How far a table is: every state made by hand, and the time left by arithmetic."""
 
-from __future__ import annotations
-
 import json
 import os
 import time

@@ -1,7 +1,5 @@
 """Pictures of runs: how they are exposed, cut out, and laid out below their names."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

@@ -1,7 +1,5 @@
 """The run folder: what it writes and refuses, its record and checkpoint, and what cannot spoil it."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """What identifies a run: every setting and file that decides a number, and nothing else."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import shlex

@@ -1,7 +1,5 @@
 """A submission to Stanford-ORB: every pair of its list is two files of one view, in the layout of the dataset's own truth."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

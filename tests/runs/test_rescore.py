@@ -1,7 +1,5 @@
 """A run scored again from its folder: the same protocol gives the same scores, and runs of older code are read."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

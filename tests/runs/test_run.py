@@ -1,7 +1,5 @@
 """What a run says of its scene, and refuses, before its method sees it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

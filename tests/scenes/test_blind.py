@@ -1,7 +1,5 @@
 """What methods and priors are given of a scene leads to no truth: everything that can be reached from it is looked at."""
 
-from __future__ import annotations
-
 import types
 from collections.abc import Iterator
 from dataclasses import replace

@@ -3,8 +3,6 @@
 What a camera projects, where its rays lead and what a smaller one of it sees are compared with that formula.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

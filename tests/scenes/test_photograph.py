@@ -1,7 +1,5 @@
 """Pictures: what decoders refuse, turns, colour profiles."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 from typing import Any

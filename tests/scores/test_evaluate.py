@@ -3,8 +3,6 @@
 LPIPS needs weights, so these tests replace the network by a closed form; test_perceptual.py tests the real one.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

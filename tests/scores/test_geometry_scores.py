@@ -1,7 +1,5 @@
 """Shapes against shapes whose difference is known: balls of two sizes, a ball that has moved."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The renders that are scored, on the smallest shipped scene."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """``python -m ia_bench_training.prior_data``: its arguments, what it refuses, and that a kill loses no finished shard."""
 
-from __future__ import annotations
-
 import builtins
 import io
 import subprocess

@@ -1,7 +1,5 @@
 """Procedural scenes that are fitted: their light, their textures and their photographs are those that were drawn."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Steps depend on their number alone, a state that cannot be used is refused, and validations end where the state does."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

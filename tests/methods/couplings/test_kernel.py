@@ -1,7 +1,5 @@
 """The similarity kernel: which pairs count and how much, against a loop; and what it must not see: the scale of a view."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How the prior is asked, what is kept of its answers between runs, and what they say of each pixel."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path

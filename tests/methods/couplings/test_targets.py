@@ -1,7 +1,5 @@
 """What reaches the losses of targets and distilled estimates: the right pixels, aligned when due, in the prior's encoding."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A run hands its method no truth, and records of the two-stage trainer say what it took."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 from pathlib import Path

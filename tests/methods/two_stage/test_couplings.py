@@ -1,7 +1,5 @@
 """The prior in whole fits: asked as the paper says, coupled as the run says, and resumed to the same bits."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

@@ -4,8 +4,6 @@ A renderer that misbehaves in chosen steps stands in for whatever may go wrong i
 light, so call number n + 1 belongs to step n.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Variation against integrals, what each term must ignore and see, and that noise pulls the dual-buffer loss nowhere."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The steps beside those of single texels: at coarser scales, along the scale ambiguity; and exposures."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The two-stage trainer on scene tiny, small: it starts where it should, recovers, repeats, and says what goes wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Photographs whose channels were multiplied by factors that the test knows: what a fit finds of them, and of the albedo."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

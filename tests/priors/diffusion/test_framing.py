@@ -1,7 +1,5 @@
 """Frames and the way back: cut and paste are inverse, and predictions at the image's own size, against what is known."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 

@@ -1,7 +1,5 @@
 """The head at full resolution: what it makes of an image before and after its gain is known."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from priors.tiny_network import tiny_config, tiny_weights

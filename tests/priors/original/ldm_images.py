@@ -1,7 +1,5 @@
 """The autoencoder and the image encoder of latent diffusion in plain torch, with the original's key names."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch

@@ -1,7 +1,5 @@
 """The UNet of latent diffusion in plain torch, with the original's key names."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The converter against latent diffusion written out in plain torch (ldm.py): same numbers, from the right tensors."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Callable
 from pathlib import Path

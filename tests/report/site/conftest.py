@@ -1,7 +1,5 @@
 """A page, and a real browser for it (tests/conftest.py)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path

@@ -4,8 +4,6 @@ Every test also fails for a message on the console and for a request that leaves
 everything here is skipped, visibly: conftest.py says what brings them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

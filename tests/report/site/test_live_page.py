@@ -1,7 +1,5 @@
 """A page that is watched: a real watch over run folders that change, looked at in a browser; ended with Ctrl-C."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Pictures of the page: what is drawn against the truth, what is packed against other programs' reading of it."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import io
