@@ -47,7 +47,6 @@ def lights(scene: Scene, **changed: np.ndarray) -> Scene:
     return replace(scene, truth=replace(scene.truth, lights={**scene.truth.lights, **changed}))
 
 
-ODD = np.zeros((31, 37), np.float32)
 ODD3 = np.zeros((7, 20, 3), np.float32)
 WRONG: dict[str, tuple[Callable[[Scene], object], str]] = {
     "nothing": (lambda s: None, "expected a Scene, found NoneType"),
