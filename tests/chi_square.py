@@ -1,7 +1,5 @@
 """Pearson's chi-square test of counts against expected counts, with small cells pooled."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.stats import chi2
 

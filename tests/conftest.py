@@ -1,6 +1,4 @@
-"""What every test shares: one thread, the shipped scene `tiny`, a copy of it that may be broken, and a browser."""
-
-from __future__ import annotations
+"""What every test shares: one thread, the shipped scene `tiny`, a copy of it that may be broken, a run on it, and a browser."""
 
 import shutil
 from collections.abc import Iterator
@@ -9,6 +7,7 @@ from typing import Any
 
 import pytest
 import torch
+from coarse import COARSE
 
 from ia_bench.readers.native import NativeReader
 from ia_bench.scenes.scene import Scene
@@ -44,6 +43,26 @@ def tiny() -> Scene:
 def tiny_copy(tmp_path: Path) -> Path:
     """A copy of `tiny` to break in one place; what it looks like before is checked by the test of the shipped scene."""
     return Path(shutil.copytree(TINY, tmp_path / "tiny"))
+
+
+@pytest.fixture(scope="session")
+def ceiling(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run of the ceiling on `tiny`; read only."""
+    from ia_bench.runs.composition import compose
+    from ia_bench.runs.execute import execute
+
+    folder = tmp_path_factory.mktemp("runs") / "ceiling"
+    execute(compose(["scene=tiny", "method=ceiling", "device=cpu", "threads=1", "seed=3", *COARSE, f"out={folder}"]))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Where indirect light is baked once for all tests of a file, on an atlas of 32 x 32 texels in place of a score's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("IA_BENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setattr("ia_bench.render.reconstruction.REFERENCE_ATLAS", 32)
+        yield
 
 
 @pytest.fixture(scope="session")

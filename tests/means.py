@@ -1,7 +1,5 @@
 """Are two means the same? Welch's t-test of every component, Sidak-corrected, and of the sum of all components."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.stats import t as student
 

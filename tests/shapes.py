@@ -1,13 +1,13 @@
 """Meshes and cameras with known geometry, made here rather than read."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import trimesh
 
-from ia_bench.scenes.scene import Camera, Mesh
+from ia_bench.geometry.consistency import seen_at
+from ia_bench.scenes.scene import Camera, Mesh, View
 
 
 def mesh_of(vertices: np.ndarray, faces: np.ndarray, *, normals: np.ndarray | None = None, uv: np.ndarray | None = None) -> Mesh:
@@ -75,6 +75,20 @@ def camera_at(position: tuple[float, float, float], *, pixels: int = 32, field_o
     to_world[:3] = np.column_stack([right, np.cross(backward, right), backward, position])
     focal = 0.5 * pixels / math.tan(math.radians(field_of_view) / 2)
     return Camera(to_world, (focal, focal), (pixels / 2, pixels / 2), pixels, pixels)
+
+
+def unit_rays(camera: Camera) -> np.ndarray:
+    """Unit directions (H, W, 3) through the centres of the pixels of an OpenGL camera, float64."""
+    row, column = np.indices((camera.height, camera.width)) + 0.5
+    across, down = (column - camera.centre[0]) / camera.focal[0], (row - camera.centre[1]) / camera.focal[1]
+    directions = np.stack([across, -down, -np.ones_like(across)], -1) @ camera.to_world[:3, :3].T
+    return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+
+
+def wrong_by(views: Sequence[View], true: Sequence[View], points: np.ndarray) -> float:
+    """Pixels by which the cameras move points (N, 3) in their images, root mean square."""
+    apart = [seen_at(v.camera, points) - seen_at(t.camera, points) for v, t in zip(views, true, strict=True)]
+    return float(np.sqrt(np.mean([(one**2).sum(-1).mean() for one in apart])))
 
 
 def bowl(radius: float = 1.0, *, share: float = 0.5, rings: int = 48, segments: int = 96) -> Mesh:

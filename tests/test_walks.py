@@ -1,9 +1,7 @@
-"""What docs/architecture.md says must be written to add a prior, a method, a loss, a metric or a reader: each is done here.
+"""What docs/architecture.md says must be written to add a prior, a loss, a metric or a reader: each is done here.
 
 The files of a walk are those of its row in the table there, no more and no fewer, in a folder where nothing else is.
 """
-
-from __future__ import annotations
 
 import json
 import os
@@ -45,33 +43,6 @@ class MyPrior:
         if images.shape != (*masks.shape, 3) or not images.isfinite().all():
             raise ValueError("expected finite images (V, H, W, 3) and masks (V, H, W)")
         return Samples({"albedo": images / images.amax((1, 2, 3), keepdim=True).clamp_min(1e-6)})
-"""
-
-METHOD = """
-from dataclasses import dataclass
-
-import torch
-
-from ia_bench.material.textures import Material
-from ia_bench.methods.contract import Result
-from ia_bench.methods.info import MethodInfo
-from ia_bench.render.reconstruction import TexturedReconstruction
-
-
-@dataclass(frozen=True)
-class Options:
-    grey: float = 0.4
-
-
-class MyMethod:
-    Options, presets, info = Options, {}, MethodInfo(uses_prior=False)
-
-    def __init__(self, options):
-        self.options = options
-
-    def fit(self, problem, *, seed, monitor):
-        material = Material(torch.full((8, 8, 3), self.options.grey), torch.full((8, 8, 1), 0.5))
-        return Result(TexturedReconstruction(problem.stage, material, torch.ones(8, 16, 3)), {"fit": 0.0})
 """
 
 LOSS = """
@@ -135,7 +106,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "argv", ["ia_bench"])
     yield tmp_path
-    for name in ("my_prior", "my_method", "my_loss", "my_reader"):
+    for name in ("my_prior", "my_loss", "my_reader"):
         sys.modules.pop(name, None)
 
 
@@ -169,15 +140,6 @@ def test_a_prior(folder: Path, tiny_folder: Path, capfd: pytest.CaptureFixture[s
     assert run(["prior=my_prior:MyPrior", f"scene.path={tiny_folder}", *SHORT]) == 0
     assert metrics()["row"] == "my_prior:MyPrior"
     assert "coupling: targets, which the prior recommends" in capfd.readouterr().err
-
-
-def test_a_method(folder: Path, tiny_folder: Path) -> None:
-    files = {"my_method.py": METHOD, "pyproject.toml": PROJECT.format(name="my_method", kind="method", attribute="MyMethod")}
-    assert stated("a method") == files.keys()
-    write(folder, files)
-    install(folder)
-    assert run(["method=my_method", "method.options.grey=.3", f"scene.path={tiny_folder}", *SHORT]) == 0
-    assert metrics()["row"] == "my_method"
 
 
 def test_a_loss(folder: Path, tiny_folder: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -1,7 +1,5 @@
 """The three distributions as others get them: source archives, wheels made of these, an environment of their own, no checkout."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

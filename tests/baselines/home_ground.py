@@ -1,7 +1,5 @@
 """Scenes on which a method is at home: photographs that its own renderer took of a known material under a known light."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple
@@ -49,7 +47,6 @@ def smooth_material(size: int = 64, *, metallic: bool = False) -> Material:
 def photographed(scene: Scene, taken: Reconstruction) -> Scene:
     """The same cameras, all photographs taken by the renderer of ``taken`` under its own light; masks are its coverage."""
     images = taken.render([view.camera for view in scene.train], light=None, albedo_scale=None, quality=QUALITY)
-    assert images is not None
     shown = zip(scene.train, images.images, images.coverage, strict=True)
     return replace(scene, train=tuple(replace(view, image=image.astype(np.float32), mask=mask) for view, image, mask in shown))
 

@@ -1,7 +1,5 @@
 """Photographs of a known material, with light between parts of the object, by any method's sum over directions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """InvRender: visibility of lobes against rays, indirect light against what a bowl sends to itself, and it as a method."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

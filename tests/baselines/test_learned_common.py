@@ -1,7 +1,5 @@
 """What the priors with small networks share: weights in files, runs that resume, and the generator's images under other lights."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

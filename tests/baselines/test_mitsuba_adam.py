@@ -1,7 +1,5 @@
 """The plain loop of Mitsuba 3 and Adam as a method: it keeps the contract, learns, and is told where Mitsuba is missing."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 

@@ -1,7 +1,5 @@
 """NeILF++: its networks, its sums over directions and its trace loss against independent answers, and as a method."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -101,8 +99,6 @@ def test_a_level_of_a_hash_grid_is_linear_between_its_entries():
 
 
 # ---- the trace loss ----------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def facing() -> Stage:
     """Two squares [-1, 1]^2 that face each other, at z = 0 and z = 1."""
@@ -137,10 +133,8 @@ def test_the_trace_loss_is_the_distance_to_what_the_other_plane_sends(facing: St
     loss = trace_loss(planes, incident, position, directions[hit], held=False)  # type: ignore[arg-type]
     assert float(loss.detach()) == pytest.approx(0.2, abs=1e-3)
     loss.backward()
-    assert planes.gain.grad is not None
     signs = torch.tensor([1.0, -1.0, 1.0])
     assert float(planes.gain.grad) == pytest.approx(-OUTGOING_SHARE * float((signs * sent).mean()), rel=1e-3)
-    assert incident.grad is not None
     torch.testing.assert_close(incident.grad, signs[:, None].expand(3, 3) / 9)
     held = Planes()
     trace_loss(held, incident, position, directions[hit], held=True).backward()  # type: ignore[arg-type]
@@ -148,8 +142,6 @@ def test_the_trace_loss_is_the_distance_to_what_the_other_plane_sends(facing: St
 
 
 # ---- the method --------------------------------------------------------------------------------------------------------
-
-
 def home_ground(tiny: Scene) -> tuple[Scene, Reflecting]:
     """Photographs by its own sums over directions, of incident light that other parts of the object send or hide."""
 

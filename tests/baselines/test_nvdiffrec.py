@@ -1,7 +1,5 @@
 """Split-sum shading against integrals that are added up one direction after the other, and nvdiffrec as a method."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

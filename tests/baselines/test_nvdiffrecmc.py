@@ -1,7 +1,5 @@
 """The denoiser on images of which it is known what must come out, and nvdiffrecmc as a method."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 

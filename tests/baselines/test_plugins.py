@@ -1,7 +1,5 @@
 """All methods and priors of the baselines keep their contracts, and what a fit takes is booked, all of it and once."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Retinex on pictures that keep its promise, on which it must be right, and as a prior."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

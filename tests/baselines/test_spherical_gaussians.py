@@ -1,7 +1,5 @@
 """Spherical Gaussians against quadrature over the sphere: energy, products, integrals over the hemisphere, GGX, fits of a light."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -126,8 +124,6 @@ def test_drawn_directions_add_up_to_the_irradiance() -> None:
 
 
 # ---- fits of a light -------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def no_cache(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))

@@ -1,7 +1,5 @@
 """TensoIR: its tensor, its sums over directions and its light against independent answers, and as a method."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -30,8 +28,6 @@ CORNERS = torch.tensor([[-1.0, -1, -1], [1, 1, 1]])
 
 
 # ---- the tensor --------------------------------------------------------------------------------------------------------
-
-
 def test_features_are_those_of_the_dense_grid():
     """A plane's bilinear value times a line's linear one is the trilinear value of their outer product."""
     generator = torch.Generator().manual_seed(0)
@@ -48,8 +44,6 @@ def test_features_are_those_of_the_dense_grid():
 
 
 # ---- shading -----------------------------------------------------------------------------------------------------------
-
-
 def brute_force(normal: Tensor, view: Tensor, incident: Tensor, albedo: Tensor, roughness: float) -> Tensor:
     """BRDF times cosine (D, 3) for directions (D, 3), written down anew in float64."""
     half = torch.nn.functional.normalize(incident + view, dim=-1)
@@ -100,8 +94,6 @@ def test_drawn_directions_add_up_to_the_integral():
 
 
 # ---- light -------------------------------------------------------------------------------------------------------------
-
-
 def test_what_arrives_is_the_light_or_what_the_radiance_head_sends(tiny: Scene):
     """Ray by ray; and only the light is asked to change."""
     stage = problem_of(tiny).stage
@@ -136,8 +128,6 @@ def test_what_arrives_is_the_light_or_what_the_radiance_head_sends(tiny: Scene):
 
 
 # ---- the method --------------------------------------------------------------------------------------------------------
-
-
 def cells(rows: int, generator: torch.Generator) -> Tensor:
     """A direction in every cell of a lat-long grid, uniform within it: (2 rows^2, 3)."""
     edges = torch.cos(math.pi * torch.arange(rows + 1) / rows)[:, None]

@@ -1,7 +1,5 @@
 """Yi et al.: spherical-harmonic shading against quadrature, the low-rank loss against numpy, training, and the prior."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -9,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.special import sph_harm_y
-from torch import Tensor
+from training.test_dataset import shard
 
 from ia_bench.common.progress import Progress
 from ia_bench.light.latlong import row_solid_angles, texel_centres
@@ -64,34 +62,10 @@ def test_one_paint_under_several_grey_lights_has_no_low_rank_loss():
     assert float(low_rank_loss(paint * light, mask)) > 0.1
 
 
-def write_objects(folder: Path, count: int) -> Path:
-    """Balls of random paints under random directional light, as the data command would write them."""
-    rows, columns = torch.meshgrid(torch.linspace(1, -1, 64), torch.linspace(-1, 1, 64), indexing="ij")
-    inside = rows.square() + columns.square() < 0.8
-    normal = torch.stack([columns, rows, (1 - rows.square() - columns.square()).clamp_min(0).sqrt()], -1) * inside[..., None]
-    generator = torch.Generator().manual_seed(5)
-    parts: dict[str, list[Tensor]] = {name: [] for name in ("image", "albedo", "specular", "normal", "visibility")}
-    for _ in range(count):
-        albedo = (0.2 + 0.6 * torch.rand(8, 8, 3, generator=generator)).repeat_interleave(8, 0).repeat_interleave(8, 1)
-        for _ in range(8):
-            toward = torch.nn.functional.normalize(torch.randn(3, generator=generator) + torch.tensor([0, 0, 1.5]), dim=0)
-            cosine = (normal @ toward).clamp_min(0)[..., None]
-            specular = 0.5 * cosine**30
-            radiance = albedo * (0.1 + 0.5 * cosine) + specular
-            mask = inside[..., None].float()
-            values = (torch.cat([radiance * mask, mask], -1), albedo * mask, specular * mask.expand(-1, -1, 3), normal, mask)
-            for name, value in zip(parts, values, strict=True):
-                parts[name].append(value.half())
-    folder.mkdir()
-    tensors = {name: torch.stack(values) for name, values in parts.items()}
-    write_shard(folder / "relit_00000.safetensors", tensors, ShardInfo(seed=0, first=0, count=8 * count, size=64))
-    return folder
-
-
 def test_a_resumed_run_ends_with_the_very_same_weights(tmp_path: Path):
     """Across the change from supervised steps to low rank."""
-    data = write_objects(tmp_path / "data", 2)
-    common = {"data": data, "supervised_steps": 2, "held_out": 1, "validate_steps": 2}
+    write_shard(tmp_path / "relit_00000.safetensors", shard(16, 64), ShardInfo(0, 0, 16, 64))
+    common = {"data": tmp_path, "supervised_steps": 2, "held_out": 1, "validate_steps": 2}
     train(Settings(out=tmp_path / "whole", steps=4, **common), Progress())  # type: ignore[arg-type]
     for steps in (1, 3, 4):
         train(Settings(out=tmp_path / "parts", steps=steps, **common), Progress())  # type: ignore[arg-type]

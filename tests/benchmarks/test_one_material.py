@@ -1,7 +1,5 @@
 """How much an albedo varies, by hand: half of the pixels twice as bright vary by half a stop, and so do channels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The reference in torch renders what the renderer renders, of everything that it can be asked for."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from shapes import bowl, camera_at

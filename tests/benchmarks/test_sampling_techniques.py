@@ -1,7 +1,5 @@
 """Every technique of the work-precision diagrams estimates what the renderer estimates; only its noise differs."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

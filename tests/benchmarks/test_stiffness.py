@@ -3,8 +3,6 @@
 Analytic cases are float64 and exact; products of a renderer are float32.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -43,8 +41,6 @@ def dense(residual: Tensor, parameters: dict[str, Tensor]) -> np.ndarray:
 
 
 # ---- products --------------------------------------------------------------------------------------------------------
-
-
 def test_products_are_those_of_the_dense_jacobian() -> None:
     residual, parameters = made_up()
     j, jacobian = dense(residual, parameters), Jacobian(residual, parameters)
@@ -100,8 +96,6 @@ def test_products_of_the_renderer_are_adjoint_and_its_channels_apart(stage: Trut
 
 
 # ---- spectra ---------------------------------------------------------------------------------------------------------
-
-
 def test_a_rate_each_undoes_units_and_nothing_else() -> None:
     random = np.random.default_rng(0)
     j = random.standard_normal((50, 6))
@@ -139,8 +133,6 @@ def test_a_product_is_confused_in_its_scale_alone() -> None:
 
 
 # ---- the command -----------------------------------------------------------------------------------------------------
-
-
 def test_the_command_measures_a_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     small = ["--pixels", "300", "--samples", "8", "--texture", "4", "--light", "4", "--directions", "2"]
     assert main(["tiny", "--out", str(tmp_path), *small]) == 0

@@ -1,7 +1,5 @@
 """Pure functions of the work-precision diagrams against closed forms and against drawn noise of known variance."""
 
-from __future__ import annotations
-
 import csv
 import math
 

@@ -1,7 +1,5 @@
 """What a capture leaves out, one setting at a time, and that truth stays what it was."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -85,7 +83,6 @@ def test_exposure_clip_and_quantisation_by_hand() -> None:
     (view,) = ldr([made_up([1, 2, 4, 6, 8], mask=0.6)], 50)
     decoded = [((code / 255 + 0.055) / 1.055) ** 2.4 for code in (137, 188, 255, 255, 255)]
     np.testing.assert_allclose(view.image[0, :, 0], 4 * 0.6 * np.array(decoded), rtol=1e-5)
-    assert view.valid is not None
     assert view.valid[0].tolist() == [True, True, False, False, False]
 
 
@@ -103,7 +100,6 @@ def test_ldr_captures_say_what_they_lost(tiny: Scene) -> None:
     told = record(after, CaptureSettings(radiometry="ldr"))
     assert 0.05 < told["saturated_share"] < 0.2
     for before, view in zip(tiny.train, after.train, strict=True):
-        assert view.valid is not None
         inside = view.mask > 0.5
         assert (view.image[~view.valid] <= before.image[~view.valid] + 0.005 * before.image.max()).all()  # a bound from below
         known = inside & view.valid
@@ -149,13 +145,11 @@ def test_a_hull_needs_no_mesh_and_leaves_the_truth(tiny: Scene) -> None:
     settings = {"geometry": "hull", "cells": 40, "triangles": 1500}
     notes: list[str] = []
     after = captured(tiny, CaptureSettings(**settings), notes.append)  # type: ignore[arg-type]
-    assert after.truth is not None
     assert after.truth.mesh is tiny.mesh
     assert after.mesh_is_made
     again = captured(replace(tiny, mesh=None), CaptureSettings(**settings), notes.append)  # type: ignore[arg-type]
     assert len(notes) == 1  # the second one is from the cache
     np.testing.assert_array_equal(again.expect_mesh().vertices, after.expect_mesh().vertices)
-    assert again.truth is not None
     assert again.truth.mesh is None
     given, found = tiny.expect_mesh().vertices, after.expect_mesh().vertices
     np.testing.assert_allclose(found.max(0) - found.min(0), given.max(0) - given.min(0), atol=0.15)
@@ -170,7 +164,6 @@ def test_an_sdf_is_made_of_images_and_knows_no_truth(tiny: Scene) -> None:
     assert len(notes) == 1
     np.testing.assert_array_equal(after.expect_mesh().vertices, bare.expect_mesh().vertices)
     assert after.mesh_is_made
-    assert after.truth is not None
     assert after.truth.mesh is tiny.mesh
     other = replace(tiny, train=(replace(tiny.train[0], image=2 * tiny.train[0].image), *tiny.train[1:]))
     captured(other, settings, notes.append)

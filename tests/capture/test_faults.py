@@ -1,12 +1,11 @@
 """Faults of a capture and what puts them right."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from shapes import wrong_by
 
 from ia_bench.capture.capture import captured
 from ia_bench.capture.faults import blurred, misplaced, mistaken_masks, spread_over_directions
@@ -14,7 +13,7 @@ from ia_bench.capture.radiometry import through_jpeg
 from ia_bench.capture.settings import CaptureSettings, FaultSettings
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.color import linear_to_srgb
-from ia_bench.scenes.scene import Camera, Scene, View
+from ia_bench.scenes.scene import Camera, Scene
 
 
 # ---------------------------------------------------------------- faults of a capture
@@ -133,16 +132,6 @@ def test_a_margin_hides_edges(tiny: Scene) -> None:
 
 # ---------------------------------------------------------------- poses and masks of a few photographs are made to agree
 # Too: as many are doubted as leave a hull that is closed.
-def pixels_off(views: tuple[View, ...], true: tuple[View, ...], points: np.ndarray) -> float:
-    """How far the cameras move points (N, 3) in their images, pixels, root mean square."""
-    squares = []
-    for view, exact in zip(views, true, strict=True):
-        local = [(points - v.camera.to_world[:3, 3]) @ v.camera.to_world[:3, :3] for v in (view, exact)]
-        one, two = (view.camera.focal[0] * each[:, :2] / each[:, 2:] for each in local)
-        squares.append(float(((one - two) ** 2).sum(-1).mean()))
-    return float(np.sqrt(np.mean(squares)))
-
-
 @pytest.mark.parametrize("count", [3, 5, 6, 8])
 def test_wrong_poses_of_few_photographs_are_put_right(tiny: Scene, count: int) -> None:
     """What is still wrong after it is less than before, by the true cameras, which nothing that is made knows."""
@@ -151,7 +140,7 @@ def test_wrong_poses_of_few_photographs_are_put_right(tiny: Scene, count: int) -
     spoiled = tuple(replace(v, camera=camera) for v, camera in zip(true, misplaced(true, faults), strict=True))
     after = captured(tiny, CaptureSettings(views=count, faults=faults, consistency=3), notes.append).train
     points = tiny.expect_mesh().vertices[::20]
-    assert pixels_off(after, true, points) < 0.9 * pixels_off(spoiled, true, points)
+    assert wrong_by(after, true, points) < 0.9 * wrong_by(spoiled, true, points)
     assert any("a hull that tolerates 3 views is open" in note for note in notes) == (count == 8)
 
 

@@ -1,7 +1,5 @@
 """For every rule of the conformance check a prior that breaks it first: small changes of ``Sound``, which passes everything."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -166,7 +164,6 @@ class Offering(Sound):
         return Samples({name: 0.5 * level * render + 0.5 * seen for name, render in renders.items()})
 
     def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
-        assert observations.visibility is not None
         return Samples({"albedo": 0.5 * renders["albedo"] * (1 + observations.visibility)})
 
 

@@ -3,8 +3,6 @@
 Each broken prior is a small change of ``Sound``, which passes everything. A new rule needs a new entry in ``BROKEN``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 

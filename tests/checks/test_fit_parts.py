@@ -1,7 +1,5 @@
 """The checks of couplings and regularisers: those that come with the package pass, and each way of breaking a contract is named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The check of methods: one that keeps the contract passes, and each way of breaking it is named."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

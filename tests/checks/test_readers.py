@@ -1,7 +1,5 @@
 """The check of readers: a sound one passes, and everything that a reader can get wrong is one cross that says so."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -46,11 +44,9 @@ def camera(scene: Scene, **changes: object) -> Scene:
 
 
 def lights(scene: Scene, **changed: np.ndarray) -> Scene:
-    assert scene.truth is not None
     return replace(scene, truth=replace(scene.truth, lights={**scene.truth.lights, **changed}))
 
 
-ODD = np.zeros((31, 37), np.float32)
 ODD3 = np.zeros((7, 20, 3), np.float32)
 WRONG: dict[str, tuple[Callable[[Scene], object], str]] = {
     "nothing": (lambda s: None, "expected a Scene, found NoneType"),

@@ -1,7 +1,5 @@
 """The check of a capture names the view that went wrong, whichever it is, and no view of a sound capture."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The command line around a fake run, as tests call it."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """A place in which the command line is called."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import sys
@@ -25,8 +23,6 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setitem(sys.modules, "ia_bench.runs.run", sys)  # recorded, so that what install() does is undone
     monkeypatch.setattr(sys, "argv", ["ia_bench"])
     spec = importlib.util.spec_from_file_location("fake_run", HERE / "fake_run" / "sitecustomize.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     work = tmp_path / "work"

@@ -1,7 +1,5 @@
 """``ia-bench export``: a scene in every format, read back by the command that it prints, and by other programs."""
 
-from __future__ import annotations
-
 import shlex
 import struct
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Packs through the command line: what is packed is verified, whatever is manipulated is found, and a board has rows by authors."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil
@@ -11,17 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from coarse import COARSE
 
 from ia_bench.cli.main import main
 from ia_bench.common.paths import scenes_folders
 from ia_bench.runs import packs
 
-SMALL = [
-    "scene=tiny",
-    "preset=smoke",
-    "threads=1",
-    *(f"protocol.{name}" for name in ("map_points=2", "render_points=2", "samples_per_pixel=8")),
-]
+SMALL = ["scene=tiny", "preset=smoke", "threads=1", *COARSE]
 Files = dict[str, bytes]
 
 

@@ -1,7 +1,5 @@
 """Pictures under one's own light through the command line: what files hold, which way light and object turn, and bad input."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import stat
@@ -19,23 +17,7 @@ from ia_bench.runs.relighting import Frame, _around, _behind, _turned, frames_of
 from ia_bench.scenes.exr import write_exr
 from tests.shapes import sphere
 
-SMALL = [
-    "scene=tiny",
-    "method=ceiling",
-    "threads=1",
-    "protocol.map_points=2",
-    "protocol.render_points=2",
-    "protocol.samples_per_pixel=8",
-]
 QUICK = ["--size", "48", "--samples", "18", "--threads", "1"]
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A finished run."""
-    folder = tmp_path_factory.mktemp("runs") / "ceiling"
-    assert main(["run", *SMALL, f"out={folder}"]) == 0
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -77,58 +59,58 @@ def test_an_object_that_turns_does_so_before_a_light_that_stands() -> None:
 
 
 def test_a_still_is_transparent_and_lights_are_side_by_side(
-    run: Path, light: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ceiling: Path, light: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert relit(run, [light, light], tmp_path / "a.png", "--exposure", "-1") == 0
+    assert relit(ceiling, [light, light], tmp_path / "a.png", "--exposure", "-1") == 0
     assert capsys.readouterr().out.count("side.exr: exposure -1.00 EV") == 2
     picture = np.asarray(Image.open(tmp_path / "a.png"))
     assert picture.shape == (48, 96, 4)
     np.testing.assert_array_equal(picture[:, :48], picture[:, 48:])
     assert picture[0, 0, 3] == 0
     assert picture[24, 24, 3] == 255
-    assert relit(run, light, tmp_path / "b.png", "--exposure", "0") == 0
+    assert relit(ceiling, light, tmp_path / "b.png", "--exposure", "0") == 0
     brighter = np.asarray(Image.open(tmp_path / "b.png"))
     inside = picture[:, :48, 3] == 255
     assert brighter[inside].astype(int).mean() > picture[:, :48][inside].astype(int).mean()
 
 
-def test_a_run_and_its_asset_are_the_same_object(run: Path, light: Path, tmp_path: Path) -> None:
-    for name, what in (("run", run), ("asset", run / "asset.glb")):
+def test_a_run_and_its_asset_are_the_same_object(ceiling: Path, light: Path, tmp_path: Path) -> None:
+    for name, what in (("run", ceiling), ("asset", ceiling / "asset.glb")):
         assert relit(what, light, tmp_path / f"{name}.png", "--views", "still", "--background", "light", "--exposure", "0") == 0
     one, other = (np.asarray(Image.open(tmp_path / f"{name}.png")).astype(int) for name in ("run", "asset"))
     assert abs(one - other).mean() < 1.5
     assert one[..., 3].min() == 255
 
 
-def test_animations_have_a_picture_for_every_step(run: Path, light: Path, tmp_path: Path) -> None:
-    assert relit(run, light, tmp_path / "a.webp", "--turn", "4", "--seconds", "2") == 0
+def test_animations_have_a_picture_for_every_step(ceiling: Path, light: Path, tmp_path: Path) -> None:
+    assert relit(ceiling, light, tmp_path / "a.webp", "--turn", "4", "--seconds", "2") == 0
     with Image.open(tmp_path / "a.webp") as moving:
         assert (moving.n_frames, moving.size) == (4, (48, 48))
-    assert relit(run / "asset.glb", light, tmp_path / "a.gif", "--turn", "3", "--views", "orbit") == 0
+    assert relit(ceiling / "asset.glb", light, tmp_path / "a.gif", "--turn", "3", "--views", "orbit") == 0
     with Image.open(tmp_path / "a.gif") as moving:
         assert (moving.n_frames, moving.info["duration"]) == (3, 1000)
-    assert relit(run, light, tmp_path / "a.png", "--views", "test") == 0
+    assert relit(ceiling, light, tmp_path / "a.png", "--views", "test") == 0
     with Image.open(tmp_path / "a.png") as still:
         assert still.size == (48, 4 * 48)  # below each other
 
 
 def test_mp4_is_written_by_an_encoder_where_there_is_one(
-    run: Path, light: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ceiling: Path, light: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert relit(run, light, tmp_path / "a.mp4", "--turn", "2") == 2
+    assert relit(ceiling, light, tmp_path / "a.mp4", "--turn", "2") == 2
     assert "expected ffmpeg on the PATH, which writes .mp4, found none" in capsys.readouterr().err
     encoder = tmp_path / "ffmpeg"
     encoder.write_text('#!/bin/sh\nfor last; do :; done\n/bin/cat > "$last"\n')
     encoder.chmod(encoder.stat().st_mode | stat.S_IXUSR)
-    assert relit(run, light, tmp_path / "a.mp4", "--turn", "2") == 0
+    assert relit(ceiling, light, tmp_path / "a.mp4", "--turn", "2") == 0
     assert (tmp_path / "a.mp4").stat().st_size == 2 * 48 * 48 * 3
     encoder.write_text("#!/bin/sh\n/bin/cat > /dev/null\necho no such codec >&2\nexit 3\n")
-    assert relit(run, light, tmp_path / "b.mp4", "--turn", "2") == 1
+    assert relit(ceiling, light, tmp_path / "b.mp4", "--turn", "2") == 1
     assert "ffmpeg ended with status 3: no such codec" in capsys.readouterr().err
 
 
-def test_bad_input_is_one_sentence(run: Path, light: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_one_sentence(ceiling: Path, light: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     negative, broken = side(), side().astype(np.float16)
     negative[3, 3] = -1
     broken[2, 5] = np.nan
@@ -138,23 +120,23 @@ def test_bad_input_is_one_sentence(run: Path, light: Path, tmp_path: Path, capsy
     for name, texels in lights.items():
         write_exr(tmp_path / f"{name}.exr", texels)
     (tmp_path / "text.hdr").write_text("no picture")
-    without = shutil.copytree(run, tmp_path / "without")
+    without = shutil.copytree(ceiling, tmp_path / "without")
     (without / "roughness.exr").unlink()
     out = tmp_path / "a.png"
     cases = {
-        "nowhere.hdr: no such image": relit(run, tmp_path / "nowhere.hdr", out),
-        "negative.exr: expected radiance, found the negative value -1": relit(run, tmp_path / "negative.exr", out),
-        "broken.exr: 1 pixel(s) are NaN or Inf, the first at row 2, column 5": relit(run, tmp_path / "broken.exr", out),
-        "square.exr: expected a lat-long map, twice as wide as high, found 16 x 16": relit(run, tmp_path / "square.exr", out),
-        "black.exr: expected a light, found a black map": relit(run, tmp_path / "black.exr", out),
-        "text.hdr: expected a Radiance picture": relit(run, tmp_path / "text.hdr", out),
+        "nowhere.hdr: no such image": relit(ceiling, tmp_path / "nowhere.hdr", out),
+        "negative.exr: expected radiance, found the negative value -1": relit(ceiling, tmp_path / "negative.exr", out),
+        "broken.exr: 1 pixel(s) are NaN or Inf, the first at row 2, column 5": relit(ceiling, tmp_path / "broken.exr", out),
+        "square.exr: expected a lat-long map, twice as wide as high, found 16 x 16": relit(ceiling, tmp_path / "square.exr", out),
+        "black.exr: expected a light, found a black map": relit(ceiling, tmp_path / "black.exr", out),
+        "text.hdr: expected a Radiance picture": relit(ceiling, tmp_path / "text.hdr", out),
         "expected the textures of a run, found no roughness.exr": relit(without, light, out),
         "nothing: expected the folder of a run, or a .glb": relit(tmp_path / "nothing", light, out),
-        "--out: expected a name that ends with .png": relit(run, light, tmp_path / "a.bmp"),
-        "expected light or white with .gif": relit(run, light, tmp_path / "a.gif", "--background", "transparent"),
-        "unknown view 'tst'; did you mean 'test'?": relit(run, light, out, "--views", "tst"),
-        "which has no photographs, found test": relit(run / "asset.glb", light, out, "--views", "test"),
-        "expected none with --views test, found 3": relit(run, light, out, "--views", "test", "--turn", "3"),
+        "--out: expected a name that ends with .png": relit(ceiling, light, tmp_path / "a.bmp"),
+        "expected light or white with .gif": relit(ceiling, light, tmp_path / "a.gif", "--background", "transparent"),
+        "unknown view 'tst'; did you mean 'test'?": relit(ceiling, light, out, "--views", "tst"),
+        "which has no photographs, found test": relit(ceiling / "asset.glb", light, out, "--views", "test"),
+        "expected none with --views test, found 3": relit(ceiling, light, out, "--views", "test", "--turn", "3"),
     }
     said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("ia_bench: ")]
     assert set(cases.values()) == {2}

@@ -1,41 +1,27 @@
 """A report is a command of its own: of run folders alone, the same as after a table, and nothing of a former one is left."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from report.scored_runs import scored
+from run_records import write_record
 
 from ia_bench.cli.report import main
-from ia_bench.report.collect import SCORES, Record
 from ia_bench.report.value import FILES, write_value
 from ia_bench.report.write import write_report
 from ia_bench.runs.table import Row, Table
 
-KEYS = {"schema": 2, "scene": "hat", "seed": 0, "protocol": "paper-v2", "config_hash": "0", "status": "ok", "sees_truth": False}
-EMPTY = {"per_image": {}, "plan": {}, "environment": {}, "files": {}}
-TRIPLE = {"psnr": 20.0, "ssim": 0.9, "lpips": 0.1}
-
-
-def write(folder: Path, row: str, psnr: float) -> None:
-    components = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
-    metrics = {**{name: {**TRIPLE, "psnr": psnr} for name in components}, "roughness": {"mse": 0.05}}
-    costs = {"time_s": {"bake": 1.0, "total": 2.0}, "peak_memory_bytes": 1, "rays": 1, "network_calls": 0}
-    folder.mkdir(parents=True)
-    description = {"protocol_description": {"lpips": {"net": "squeeze"}}}
-    (folder / "metrics.json").write_text(json.dumps({"row": row, **KEYS, **EMPTY, **costs, "metrics": metrics, **description}))
-
 
 def test_runs_of_several_folders_are_reported_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write(tmp_path / "mine" / "a", "none", 20.0)
-    write(tmp_path / "yours" / "b", "ours", 22.0)
+    write_record(tmp_path / "mine" / "a", "none", 20.0)
+    write_record(tmp_path / "yours" / "b", "ours", 22.0)
     arguments = [*map(str, (tmp_path / "mine", tmp_path / "yours")), "--out", str(tmp_path / "out"), "--reference", "none"]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
-    assert "Protocol paper-v2 (lpips.net=squeeze), mean over scenes" in printed
+    assert "Protocol paper-v1 (lpips.net=alex), mean over scenes" in printed
     assert "| ours | 22.00 |" in printed
     assert "+2.00" in (tmp_path / "out" / "report.md").read_text()
 
@@ -44,7 +30,7 @@ def test_without_a_folder_it_lies_beside_the_runs_and_a_browser_opens_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    write(Path("runs", "a"), "none", 20.0)
+    write_record(Path("runs", "a"), "none", 20.0)
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or len(opened) == 1)
     assert main(["runs/a", "--open"]) == main(["runs/a", "--open"]) == 0
@@ -56,18 +42,18 @@ def test_without_a_folder_it_lies_beside_the_runs_and_a_browser_opens_it(
 
 def test_a_reference_is_found_by_the_name_that_its_captures_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Runs on one's own photographs are called after their capture: none, hull."""
-    write(tmp_path / "runs" / "a", "none, hull", 20.0)
-    write(tmp_path / "runs" / "b", "ours, hull", 22.0)
+    write_record(tmp_path / "runs" / "a", "none, hull", 20.0)
+    write_record(tmp_path / "runs" / "b", "ours, hull", 22.0)
     arguments = [str(tmp_path / "runs"), "--out", str(tmp_path / "out"), "--reference", "none"]
     assert main(arguments) == 0
     assert "+2.00" in (tmp_path / "out" / "report.md").read_text()
-    write(tmp_path / "runs" / "c", "none, sdf", 23.0)
+    write_record(tmp_path / "runs" / "c", "none, sdf", 23.0)
     assert main(arguments) == 2
     assert "expected one of the rows 'none, hull', 'none, sdf', 'ours, hull', found none" in capsys.readouterr().err
 
 
 def test_a_file_beside_the_runs_that_a_shell_has_named_is_passed_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write(tmp_path / "runs" / "a", "none", 20.0)
+    write_record(tmp_path / "runs" / "a", "none", 20.0)
     (tmp_path / "runs" / "contact_sheet.png").touch()
     named = [str(path) for path in (tmp_path / "runs").iterdir()]
     assert main([*named, "--out", str(tmp_path / "out")]) == 0
@@ -96,14 +82,14 @@ def test_a_mistake_is_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     if arguments[0] == "runs":
-        write(tmp_path / "runs" / "a", "none", 20.0)
+        write_record(tmp_path / "runs" / "a", "none", 20.0)
     assert main(arguments) == 2
     assert message in capsys.readouterr().err
 
 
 def list_cells(results: Path, *folders: str) -> None:
     """The cells.json of a table whose row "mine" has these folders, each of a scene of its own name."""
-    same = {"row": "mine", "seed": 0, "config_hash": "0", "log": "log"}
+    same = {"row": "mine", "seed": 0, "config_hash": "0" * 8, "log": "log"}
     cells = [{**same, "scene": folder, "folder": f"runs/{folder}"} for folder in folders]
     (results / "cells.json").write_text(json.dumps({"table": "paper", "jobs": 1, "cells": cells}))
 
@@ -111,7 +97,7 @@ def list_cells(results: Path, *folders: str) -> None:
 def test_of_a_tables_results_the_cells_of_its_last_call_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A former call of the same table had other settings: the same cell twice, which nothing but cells.json tells apart."""
     for folder, psnr in (("hat", 20.0), ("former", 30.0)):
-        write(tmp_path / "results" / "runs" / folder, "none", psnr)
+        write_record(tmp_path / "results" / "runs" / folder, "none", psnr)
     list_cells(tmp_path / "results", "hat", "not_begun")
     assert main([str(tmp_path / "results"), "--out", str(tmp_path / "out")]) == 0
     told = capsys.readouterr()
@@ -136,7 +122,7 @@ def test_another_reference_is_that_of_every_part_of_the_report(tmp_path: Path, r
     (tmp_path / "ways.yaml").write_text(SEVERAL_WAYS)
     for row, psnr in {"none": 20.0, "longer": 23.0, "ours": 25.0}.items():
         for label in ("", ", 8 views"):
-            write(tmp_path / "runs" / f"{row}{label}", f"{row}{label}", psnr)
+            write_record(tmp_path / "runs" / f"{row}{label}", f"{row}{label}", psnr)
     table = str(tmp_path / "ways.yaml")
     assert main([str(tmp_path / "runs"), "--out", str(tmp_path / "out"), "--table", table, "--reference", reference]) == 0
     gained = list(csv.DictReader((tmp_path / "out" / "value.csv").open()))
@@ -151,18 +137,14 @@ def test_another_reference_is_that_of_every_part_of_the_report(tmp_path: Path, r
 WAYS = Table(rows=[Row("none", []), Row("ours", [])], reference="none", captures=[{}, {"views": 8}])
 
 
-def runs_of(table: Table, captures: Sequence[str]) -> list[Record]:
-    found = []
-    for label in captures:
-        for place, row in enumerate(table.rows):
-            one = {"folder": Path(), "row": row.name + label, "seed": 0, "protocol": "p", **dict.fromkeys(SCORES, 20.0 + place)}
-            found += [{**one, "scene": scene} for scene in ("hat", "ship")]
-    return found
-
-
 def reported(table: Table, captures: Sequence[str], out: Path) -> set[str]:
-    report = write_report([], out, table, runs_of(WAYS, captures))
-    return {path.name for path in write_value(report.findings, out)}
+    runs = [
+        scored(row.name + label, scene, 0, 20.0 + place)
+        for label in captures
+        for place, row in enumerate(WAYS.rows)
+        for scene in ("hat", "ship")
+    ]
+    return {path.name for path in write_value(write_report([], out, table, runs).findings, out)}
 
 
 def test_what_a_prior_was_worth_goes_where_no_table_says_so_any_more(tmp_path: Path) -> None:
@@ -171,13 +153,3 @@ def test_what_a_prior_was_worth_goes_where_no_table_says_so_any_more(tmp_path: P
     assert not (tmp_path / "photographs.csv").exists()
     assert reported(Table(), [""], tmp_path) == set()
     assert not any((tmp_path / name).exists() for name in FILES)
-
-
-def test_a_page_without_pictures_keeps_none(tmp_path: Path) -> None:
-    reported(WAYS, [""], tmp_path / "first")
-    parts = tmp_path / "out" / "page" / "parts"
-    for name in ("hat/truth/drawn.json", "pictures.js", "model-viewer-umd.min.js"):
-        (parts / name).parent.mkdir(parents=True, exist_ok=True)
-        (parts / name).touch()
-    assert main([str(tmp_path / "first" / "runs.csv"), "--out", str(tmp_path / "out")]) == 0
-    assert list(parts.iterdir()) == []

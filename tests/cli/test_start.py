@@ -1,7 +1,5 @@
 """What a run imports before its first step: nothing that takes long and is not needed yet."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

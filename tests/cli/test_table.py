@@ -3,8 +3,6 @@
 Cells are real processes of `python -m ia_bench` in which tests/fake_run stands for the run.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The cache gives back what was put, forgets what was used longest ago, and never stops anybody whatever lies in its place."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Callable
@@ -33,7 +31,6 @@ def test_gives_back_what_was_put(tmp_path: Path) -> None:
     assert cache.get(KEY) is None
     cache.put(KEY, TENSORS, ABOUT)
     found = cache.get(KEY)
-    assert found is not None
     assert same(found[0])
     assert found[1] == ABOUT
     assert [path.name for path in (tmp_path / "new" / "folder").iterdir()] == [f"{KEY}.safetensors"]
@@ -68,8 +65,6 @@ def test_forgets_what_was_used_longest_ago(tmp_path: Path) -> None:
 
 
 # ---- what may lie in the place of an entry -----------------------------------------------------------------------------
-
-
 def flip(path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[-1] ^= 1
@@ -104,8 +99,6 @@ def test_entries_that_are_not_as_they_were_written_are_made_again(
 
 
 # ---- what may lie in the place of the folder ---------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES])
 def test_a_folder_that_is_full_or_read_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], number: int

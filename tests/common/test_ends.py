@@ -1,7 +1,5 @@
 """Files are whole or absent, numbers and needs that make no sense are refused, and a full disk is told in one line."""
 
-from __future__ import annotations
-
 import argparse
 import errno
 import os
@@ -43,12 +41,21 @@ def test_what_fails_leaves_the_file_as_it_was_and_nothing_beside_it(tmp_path: Pa
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_full_disk_is_told_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device", "report.md"), "[Errno 28] No space left on device: 'report.md'"),
+        (FloatingPointError("step 10: the loss is NaN"), "step 10: the loss is NaN"),
+    ],
+)
+def test_a_full_disk_and_numbers_that_are_none_are_told_in_one_line(
+    error: Exception, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     def work() -> int:
-        raise OSError(errno.ENOSPC, "No space left on device", "results/report.md")
+        raise error
 
     assert status_of(work) == FAULT
-    assert capsys.readouterr().err == "ia_bench: [Errno 28] No space left on device: 'results/report.md'\n"
+    assert capsys.readouterr().err == f"ia_bench: {said}\n"
 
 
 def test_available_memory_is_some_and_no_more_than_there_is() -> None:

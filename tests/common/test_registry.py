@@ -1,7 +1,5 @@
 """Plugins of other distributions: found by metadata, imported on use, and unable to harm those that do not use them."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any
@@ -158,8 +156,6 @@ def test_whatever_an_annotation_may_mean_is_let_through() -> None:
 
 
 # ---- the code of plugins ---------------------------------------------------------------------------------------------
-
-
 PACKAGE = {
     "__init__.py": "from .prior import Good",
     "prior.py": GOOD,

@@ -1,7 +1,5 @@
 """Launches over tensors: every item once whatever the threads, sums that no thread loses, mistakes that are refused."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator

@@ -113,6 +113,7 @@ def test_resampled_texels_are_means_over_their_solid_angle(source: int, target: 
         np.testing.assert_allclose(found[row, column], mean, rtol=0.05)
 
 
+# -- fetching ----------------------------------------------------------------------------------------------------------
 def with_npm(folder: Path, monkeypatch: pytest.MonkeyPatch, body: str) -> None:
     """Make `npm` a shell script, and the only program of that name on the path."""
     (folder / "npm").write_text(f"#!/bin/sh\n{body}\n")
@@ -131,9 +132,6 @@ def test_the_package_is_fetched_once_and_checked(tmp_path: Path, monkeypatch: py
         photographs.fetch(kept)
 
 
-# -- fetching ----------------------------------------------------------------------------------------------------------
-
-
 # -- recipes -----------------------------------------------------------------------------------------------------------
 def maps_of(names: set[str]) -> set[str]:
     lights = {light for name in names for light in recipe.RECIPES[name].lights.values()}
@@ -147,6 +145,3 @@ def test_every_map_of_a_scored_scene_is_kept_from_training_and_lights_no_develop
     assert not maps_of(development) & {*photographs.NEVER_FOR_TRAINING, *photographs.DAMAGED}
     assert set(photographs.NEVER_FOR_TRAINING) < set(photographs.MAPS)
     assert not {*photographs.NEVER_FOR_TRAINING} & {*photographs.DAMAGED}
-
-
-# -- fetching ----------------------------------------------------------------------------------------------------------

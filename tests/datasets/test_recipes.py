@@ -53,13 +53,6 @@ def test_mean_luminance_is_what_a_white_diffuse_sphere_averages() -> None:
 
 
 # -- lights ------------------------------------------------------------------------------------------------------------
-def test_there_are_eight_training_and_three_novel_lights() -> None:
-    assert set(lights.MODELS) == {*TRAINING_LIGHTS, *NOVEL_LIGHTS}
-    assert {r.light for r in recipe.RECIPES.values() if not r.light.startswith(("photo_", "real_"))} == set(TRAINING_LIGHTS)
-    with pytest.raises(ValueError, match="light must be one of garden, .* got 'moon'"):
-        lights.make_light("moon", 8)
-
-
 @pytest.mark.parametrize("name", [*TRAINING_LIGHTS, *NOVEL_LIGHTS])
 def test_stored_lights_are_normalised_and_structured(name: str, rendered_lights: dict[str, np.ndarray]) -> None:
     light = rendered_lights[name]
@@ -162,7 +155,6 @@ def test_scans_are_the_objects_and_lights_that_are_closed_to_training() -> None:
     table = yaml.safe_load((ROOT / "conf" / "table" / "scans.yaml").read_text())
     assert set(table["scenes"]) == set(scans)
     named = re.search(r"^SCANS := (.+)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    assert named is not None
     assert set(named[1].split()) == set(scans)
 
 

@@ -1,7 +1,5 @@
 """The examples of the API pages, and of the front door for Python, run as they stand."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

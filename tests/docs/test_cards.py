@@ -1,7 +1,5 @@
 """Every file of weights has a card that says what the field asks of one, with the file's size and SHA-256."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from pathlib import Path
@@ -28,7 +26,6 @@ CARDS = sorted({card for path in WEIGHTS if (card := card_of(path)) is not None}
 @pytest.mark.parametrize("path", WEIGHTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_weights_have_a_card_with_their_hash(path: Path) -> None:
     card = card_of(path)
-    assert card is not None
     content = path.read_bytes()
     row = (path.relative_to(card.parent).as_posix(), str(len(content)), hashlib.sha256(content).hexdigest())
     assert row in ROW.findall(card.read_text(encoding="utf-8")), f"{card}: expected the row | `{row[0]}` | {row[1]} | `{row[2]}` |"

@@ -4,8 +4,6 @@ Every Markdown file of the project is a case. A document that names a file, a mo
 document fails here when that is renamed. Reports below docs/results are written by the program; only their links are checked.
 """
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from importlib import import_module

@@ -1,7 +1,5 @@
 """The notebooks run from top to bottom, in an empty folder, as they stand. Jupyter itself is not needed."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

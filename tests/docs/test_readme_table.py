@@ -1,7 +1,5 @@
 """The README's table against docs/results/table.csv and seconds.csv. Its failure prints the row as it should stand there."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

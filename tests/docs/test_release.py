@@ -1,7 +1,6 @@
 """What a release says of itself is the same in every place that says it."""
 
-from __future__ import annotations
-
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -27,7 +26,6 @@ def test_versions_and_licences_agree() -> None:
 
 def test_the_changelog_has_the_version() -> None:
     newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
-    assert newest is not None
     assert newest[1].rstrip(",") == DISTRIBUTIONS[0]["version"]
 
 
@@ -49,9 +47,13 @@ def test_the_citation_keeps_to_its_format() -> None:
         assert isinstance(work.get("year", 0), int)
 
 
-def test_title_and_authors_are_everywhere_the_same() -> None:
+def test_title_authors_and_licence_are_everywhere_the_same() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    described = json.loads((ROOT / "datasets" / "croissant.json").read_text(encoding="utf-8"))
+    licence = (ROOT / "datasets" / "LICENSE").read_text(encoding="utf-8")
     assert (ROOT / "README.md").read_text(encoding="utf-8").startswith(f"# {citation['title']}\n")
+    assert (described["version"], described["license"] in licence) == (citation["version"], True)
     names = [author["name"] for author in citation["authors"]]
-    assert all([author["name"] for author in each["authors"]] == names for each in DISTRIBUTIONS)
-    assert all(name in (ROOT / "datasets" / "LICENSE").read_text(encoding="utf-8") for name in names)
+    told = [each["authors"] for each in DISTRIBUTIONS] + [described["creator"]]
+    assert all([author["name"] for author in authors] == names for authors in told)
+    assert all(name in licence for name in names)

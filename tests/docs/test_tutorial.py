@@ -1,7 +1,5 @@
 """The tutorial's prior passes the check as it says, and its table has the rows that it shows."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

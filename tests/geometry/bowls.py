@@ -1,7 +1,5 @@
 """Photographs of shapes that are known in closed form: balls, and a textured bowl, half of a thick shell, hollow from above."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ia_bench.render.gbuffer import primary_rays
@@ -53,7 +51,6 @@ def bowl_view(number: int, camera: Camera, fineness: float) -> View:
 
 def camera_normals(view: View) -> np.ndarray:
     """Unit normals (H, W, 3) in the axes of the view's camera, 0 where pixels are not covered by half."""
-    assert view.normal is not None
     length = np.linalg.norm(view.normal, axis=-1, keepdims=True)
     turned = view.normal @ view.camera.to_world[:3, :3]
     return np.where((view.mask[..., None] > 0.5) & (length > 0.5), turned / length.clip(0.5), 0).astype(np.float32)

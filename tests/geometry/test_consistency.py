@@ -1,7 +1,5 @@
 """Silhouettes put wrong poses and masks right: what was spoiled by a known amount comes back, and sound views stay."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import bowls
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from bowls import ball_views
+from shapes import wrong_by
 
 from ia_bench.capture.faults import misplaced, mistaken_masks
 from ia_bench.capture.settings import FaultSettings
@@ -19,12 +18,6 @@ from ia_bench.geometry.refinement import surface_from_images
 from ia_bench.scenes.scene import Scene, View
 
 VIEWS = ball_views(40)
-
-
-def wrong_by(views: list[View] | tuple[View, ...], true: list[View] | tuple[View, ...], points: np.ndarray) -> float:
-    """Pixels by which the cameras move points in their images, root mean square."""
-    apart = [seen_at(v.camera, points) - seen_at(t.camera, points) for v, t in zip(views, true, strict=True)]
-    return float(np.sqrt(np.mean([(one**2).sum(-1).mean() for one in apart])))
 
 
 def radii(views: list[View] | tuple[View, ...]) -> np.ndarray:

@@ -1,7 +1,5 @@
 """Normals from files: what each format holds, what is refused, and that wrong axes are told by what a bowl's outlines show."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The visual hull of balls, whose outlines and distances are known in closed form."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The mesh reader: what it repairs and says, what it refuses; on copies of the mesh of `tiny` broken in one place."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

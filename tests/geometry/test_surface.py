@@ -1,7 +1,5 @@
 """Meshes: of distances that are known, without their detail, and their texture coordinates."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

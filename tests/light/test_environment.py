@@ -1,7 +1,5 @@
 """An environment against its own texels, and its maps at other heights against what they must keep: power and place."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -3,8 +3,6 @@
 What the renderer's kernels compute is called as they have it (``kernel_calls``); what torch has too is tested beside it.
 """
 
-from __future__ import annotations
-
 import math
 
 import kernel_calls

@@ -3,8 +3,6 @@
 What the renderer's kernels compute is called as they have it (``kernel_calls``); what torch has too is tested beside it.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable
@@ -42,6 +40,18 @@ def bright_seam() -> torch.Tensor:
     return radiance
 
 
+def pole_texel() -> torch.Tensor:
+    radiance = torch.full((16, 32, 3), 0.1)
+    radiance[0, 17] = 1e6
+    return radiance
+
+
+def seam_texels() -> torch.Tensor:
+    radiance = torch.full((16, 32, 3), 0.1)
+    radiance[8, 0] = radiance[8, -1] = 1e4
+    return radiance
+
+
 def random_map() -> torch.Tensor:
     return torch.rand(9, 14, 3, generator=torch.Generator().manual_seed(1)) ** 6
 
@@ -61,6 +71,10 @@ MAPS: dict[str, Callable[[], torch.Tensor]] = {
     "with black texels": holes,
     "bright pole row": bright_pole,
     "bright seam": bright_seam,
+    "one texel of 1e6 at the pole": pole_texel,
+    "two texels of 1e4 at the seam": seam_texels,
+    "radiance 1e-30": lambda: torch.full((16, 32, 3), 1e-30),
+    "radiance 1e30": lambda: torch.full((16, 32, 3), 1e30),
     "1 x 2": lambda: torch.tensor([[[1.0, 2.0, 3.0], [0.5, 0.5, 0.5]]]),
     "1 x 1": lambda: torch.ones(1, 1, 3),
     "one channel only": lambda: random_map() * torch.tensor([0.0, 1.0, 0.0]),
@@ -127,6 +141,14 @@ def test_density_is_proportional_to_radiance(name: str) -> None:
         np.testing.assert_allclose(found, expected, rtol=1e-4, atol=0)
         mixed = density(LatLongSampler.build(radiance, uniform_fraction=0.25), normal)
         np.testing.assert_allclose(mixed, 0.75 * found + 0.25 * bound, rtol=1e-4, atol=0)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_texel_that_is_no_number_is_refused(value: float) -> None:
+    radiance = torch.ones(16, 32, 3)
+    radiance[3, 5, 1] = value
+    with pytest.raises(FloatingPointError, match="light"):
+        LatLongSampler.build(radiance)
 
 
 def test_large_maps_are_looked_at_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:

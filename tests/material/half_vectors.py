@@ -1,7 +1,5 @@
 """Directions and half vectors at which the tests of the BRDF, in torch and in kernels, look."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The BRDF's values and gradients: the textbook in float64, reciprocity, both ends of every argument, finite differences."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ MIN_ROUGHNESS, where the renderer stops, in the renderer's float32; 0 is a mirro
 from d omega_h = cos^3 d slope and, for the mirrored direction, d omega_i = 4 (o.h) d omega_h.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

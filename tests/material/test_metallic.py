@@ -1,7 +1,5 @@
 """The metallic workflow: a dielectric at 0, a conductor of the albedo's colour at 1, linear between."""
 
-from __future__ import annotations
-
 import kernel_calls
 import pytest
 import torch

@@ -3,8 +3,6 @@
 The lookup is a kernel, in float32; the same in torch (benchmarks/reference.py), in float64, is tested beside it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

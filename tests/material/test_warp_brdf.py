@@ -1,7 +1,5 @@
 """The BRDF of the kernels: its samples and its numbers against those of torch in float64 (test_brdf.py, test_brdf_sampling.py)."""
 
-from __future__ import annotations
-
 import kernel_calls
 import pytest
 import torch

@@ -1,23 +1,19 @@
 """The shipped scene tiny as a problem, under the settings of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest
 import torch
 from small_fit import Record, make_problem
 
-from ia_bench.common.paths import scenes_folders
 from ia_bench.methods.contract import Problem
-from ia_bench.readers.native import NativeReader
 from ia_bench.scenes.scene import Scene
 
 
 @pytest.fixture(scope="session")
-def scene() -> Scene:
+def scene(tiny: Scene) -> Scene:
     """Scene tiny with its truth."""
-    return NativeReader(scenes_folders()[0] / "tiny").read(truth=True)
+    return tiny
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,5 @@
 """What other software made comes back as it is: an asset on its mesh, pictures view by view; and each mistake is one sentence."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from spoils import exr, gone
 
 from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError
@@ -44,7 +43,6 @@ def brought(scene: Scene, method: type, **options: Any) -> tuple[Result, list[st
 @pytest.fixture(scope="module")
 def asset(scene: Scene) -> Assets:
     """The true one."""
-    assert scene.truth is not None
     light = scene.truth.lights["train"].astype(np.float32)
     return Assets(scene.mesh, scene.truth.albedo.astype(np.float32), scene.truth.roughness.astype(np.float32), None, light)
 
@@ -71,8 +69,6 @@ def pictures(scene: Scene, tmp_path: Path) -> Path:
 
 
 # ---- assets ----
-
-
 def test_an_asset_comes_back_on_its_mesh_with_what_is_declared(scene: Scene, asset: Assets, files: Path) -> None:
     declared = {"authors": "Ada", "seconds": 12.5}
     paths = {"path": str(files / "asset.glb"), "light": str(files / "light.exr")}
@@ -143,8 +139,6 @@ def test_axes_that_are_wrong_are_named_with_those_that_would_be_right(scene: Sce
 
 
 # ---- pictures ----
-
-
 def test_pictures_are_scored_as_they_are(scene: Scene, pictures: Path) -> None:
     result, notes = brought(scene, BroughtImages, path=str(pictures))
     assert notes == []
@@ -200,14 +194,6 @@ def test_order_by_name_or_by_the_frames_of_a_file(scene: Scene, pictures: Path) 
         np.testing.assert_array_equal(found.images[0], scene.test[first].albedo)
 
 
-def rewritten(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Path], None]:
-    def spoil(folder: Path) -> None:
-        image = read_exr(folder / name, 4)
-        write_exr(folder / name, change(image), half=False)
-
-    return spoil
-
-
 def as_png(name: str, mode: str) -> Callable[[Path], None]:
     def spoil(folder: Path) -> None:
         Image.fromarray(np.full((32, 32, 3), 99, np.uint8)).convert(mode).save((folder / name).with_suffix(".png"))
@@ -216,41 +202,27 @@ def as_png(name: str, mode: str) -> Callable[[Path], None]:
     return spoil
 
 
-def not_finite(folder: Path) -> None:
-    import OpenEXR
-
-    image = np.zeros((32, 32, 3), np.float32)
-    image[3, 4] = np.nan
-    path = str(folder / "albedo" / "0000.exr")
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": image}).write(path)
-
-
-def without(name: str) -> Callable[[Path], None]:
-    return lambda folder: (folder / name).unlink()
-
-
 def renamed(name: str, new: str) -> Callable[[Path], object]:
     return lambda folder: (folder / name).rename(folder / new)
 
 
 SPOTTED = np.array([1, 0.2, 1, 1])
 MISTAKES: dict[str, tuple[Callable[[Path], object], dict[str, str], str]] = {
-    "missing view": (without("albedo/0001.exr"), {}, "albedo: expected a picture (.exr, .png) of each of 4 views, found no 0001"),
+    "missing view": (gone("albedo/0001.exr"), {}, "albedo: expected a picture (.exr, .png) of each of 4 views, found no 0001"),
     "another size": (
-        rewritten("albedo/0002.exr", lambda image: image[:16]),
+        exr("albedo/0002.exr", 4, lambda image: image[:16]),
         {},
         "0002.exr: expected 32 x 32 pixels like its view, found 32 x 16",
     ),
-    "not finite": (not_finite, {}, "0000.exr: 1 pixel(s) are NaN or Inf, the first at row 3, column 4"),
-    "negative": (rewritten("albedo/0000.exr", lambda image: -image), {}, "expected radiance, found the negative value"),
+    "negative": (exr("albedo/0000.exr", 4, lambda image: -image), {}, "expected radiance, found the negative value"),
     "no encoding": (as_png("albedo/0000.exr", "RGB"), {}, "0000.png: expected method.options.encoding=srgb or linear"),
     "grey albedo": (
         as_png("albedo/0000.exr", "L"),
         {"encoding": "srgb"},
         "expected red, green and blue, found a picture in grey",
     ),
-    "one channel": (rewritten("albedo/0000.exr", lambda image: image[..., :1]), {}, "expected channels R, G, B, found Y"),
-    "colours": (rewritten("roughness/0000.exr", lambda image: image * SPOTTED), {}, "expected one value of roughness a pixel"),
+    "one channel": (exr("albedo/0000.exr", 4, lambda image: image[..., :1]), {}, "expected channels R, G, B, found Y"),
+    "colours": (exr("roughness/0000.exr", 4, lambda image: image * SPOTTED), {}, "expected one value of roughness a pixel"),
     "nothing": (lambda folder: [*map(shutil.rmtree, folder.iterdir())], {}, "expected some of the folders albedo, roughness"),
     "other folder": (renamed("albedo", "albedo_gone"), {}, "unknown folder 'albedo_gone'; did you mean 'albedo'?"),
     "missing light": (renamed("relighting/night", "../night"), {}, "expected every novel light, found no relighting/night"),

@@ -1,7 +1,5 @@
 """What is booked aside is no cost of the fit, and what an interrupted process has spent counts once."""
 
-from __future__ import annotations
-
 import time
 
 from ia_bench.methods.monitor import CostTracker

@@ -1,7 +1,5 @@
 """The loop of all methods on a line that is fitted to noisy points: resuming, the guard, the curve, seconds, bad checkpoints."""
 
-from __future__ import annotations
-
 import io
 import math
 import time

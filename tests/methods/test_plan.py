@@ -1,7 +1,5 @@
 """What the plan decides, from made-up scenes whose answer is known."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,10 +1,7 @@
 """What every decision of the plan saves, and what it costs: the plan's choice beside the next larger one.
 
-Work is counted (rays, points, texels), and the change of the picture is bounded in dB of sRGB, peak 1, noise of 256 samples a
-pixel included.
+Rays are counted, and the change of the picture is bounded in dB of sRGB, peak 1, noise of 256 samples a pixel included.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +17,6 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.plan import LIGHT_HEIGHTS, TEXTURE_SIZES
-from ia_bench.render.gbuffer import pixels_in_reach
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Camera, Mesh
@@ -32,11 +28,10 @@ SAMPLES = 256
 
 @dataclass(frozen=True)
 class Rendered:
-    """A picture (V, H, W, 3) in sRGB, and the rays and surface points it took."""
+    """A picture (V, H, W, 3) in sRGB, and the rays it took."""
 
     picture: np.ndarray
     rays: int
-    points: int
 
 
 def render(
@@ -46,7 +41,7 @@ def render(
     renderer, gbuffer = stage.renderer(**{"shadows": "none", "bounces": 0, **how}), stage.gbuffer(cameras, side)
     generator = torch.Generator().manual_seed(seed)
     images = renderer.render_images(gbuffer, material, SampledLight.of(radiance), SAMPLES, generator)
-    return Rendered(linear_to_srgb(images["radiance"].numpy().clip(0, 1)), stage.rays.rays, stage.surface.points)
+    return Rendered(linear_to_srgb(images["radiance"].numpy().clip(0, 1)), stage.rays.rays)
 
 
 def decibels(a: Rendered, b: Rendered) -> float:
@@ -69,23 +64,6 @@ def material(size: int = 64) -> Material:
     return Material(stripes[None, :, None].expand(size, size, 3).contiguous(), torch.full((size, size, 1), 0.4))
 
 
-@pytest.mark.parametrize("smooth", [False, True])
-def test_no_shadow_rays_on_a_convex_mesh_change_nothing(smooth: bool) -> None:
-    """With flat normals the picture is the same to the last bit (same draws), and only primary rays are traced.
-
-    With smooth normals a ray may start above the shading normal's horizon and below its triangle's: 45 dB.
-    """
-    mesh, cameras = sphere(3, smooth=smooth), [camera_at((2.0, 1.5, 1.0), pixels=48)]
-    plan = plan_of(mesh, *cameras)
-    assert plan.shadows == "none"
-    less, more = (render(mesh, cameras, material(), soft_light(16), side=2, shadows=s) for s in (plan.shadows, "traced"))
-    assert less.rays == 4 * len(pixels_in_reach(cameras[0], mesh)) < 48 * 48 * 4
-    assert more.rays > 10 * less.rays
-    assert decibels(less, more) > 45
-    if not smooth:
-        np.testing.assert_array_equal(less.picture, more.picture)
-
-
 def test_no_indirect_light_where_little_bounces(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A shallow dish, which sees 0.8 % of itself: against a picture with all bounces and the errors of a fit to 33 dB, leaving
     them out costs less than 0.1 dB. A deep one, where the plan keeps them, would lose more than 3.
@@ -103,17 +81,6 @@ def test_no_indirect_light_where_little_bounces(monkeypatch: pytest.MonkeyPatch,
     assert costs[0.008][0] < 0.1
     assert costs[0.5][1] > 0
     assert costs[0.5][0] > 3
-
-
-def test_one_point_a_pixel_where_nothing_varies_inside_it() -> None:
-    """A plate that fills the view: a quarter of the points and primary rays, 38 dB."""
-    mesh, cameras = plate(2.0, uv_scale=0.5), [camera_at((0.0, 0.0, 5.0), pixels=48)]
-    plan = plan_of(mesh, *cameras)
-    assert plan.subsamples == 1
-    less, more = (render(mesh, cameras, material(), soft_light(16), side=s) for s in (plan.subsamples, 2))
-    assert more.rays == 4 * less.rays
-    assert more.points == 4 * less.points
-    assert decibels(less, more) > 38
 
 
 def test_the_points_chosen_are_enough_and_fewer_are_not() -> None:
@@ -146,7 +113,6 @@ def test_a_texture_above_the_pixels_is_not_seen() -> None:
     less, more = (
         render(mesh, cameras, Material(t[0].permute(1, 2, 0).contiguous(), rough), soft_light(16), side=2) for t in (coarse, fine)
     )
-    assert 4 * coarse.numel() == fine.numel()
     assert decibels(less, more) > 35
 
 
@@ -158,5 +124,4 @@ def test_a_light_above_the_mirror_footprint_is_not_seen() -> None:
     larger = soft_light(2 * plan.light_height)
     coarse = LatLongEnvironment(larger).latlong(plan.light_height)
     less, more = (render(mesh, cameras, material(), light, side=2) for light in (coarse, larger))
-    assert 4 * coarse.numel() == larger.numel()
     assert decibels(less, more) > 35

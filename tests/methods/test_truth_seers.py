@@ -1,7 +1,5 @@
 """The two methods that see the truth: the ceiling gives it back, the constant is what knows nothing but its mean."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

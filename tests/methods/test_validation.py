@@ -1,7 +1,5 @@
 """Whatever a method gives back that its contract does not allow is one sentence that names it; what it leaves behind is undone."""
 
-from __future__ import annotations
-
 import os
 import random
 import sys

@@ -1,7 +1,5 @@
 """Which cameras see a point, and the geometry that views show, against closed forms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

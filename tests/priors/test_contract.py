@@ -1,7 +1,5 @@
 """The priors that come with the project keep the contract, and the protocol classes tell them from other objects."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -74,16 +72,12 @@ def test_copies_share_no_memory_and_a_selection_keeps_the_order() -> None:
     copied = shown.copy()
     for name in ("images", "masks", "normals", "visibility"):
         getattr(copied, name).fill_(7)
-    assert copied.truth is not None
-    assert shown.truth is not None
     copied.truth["albedo"].fill_(7)
     assert torch.equal(shown.images, stack.images)
     assert torch.equal(shown.truth["albedo"], stack.truth("albedo"))
     part = shown.select([2, 0])
     assert part.views == (9, 4)
     assert torch.equal(part.images, stack.images[[2, 0]])
-    assert part.truth is not None
-    assert part.normals is not None
     assert torch.equal(part.truth["specular"], stack.truth("specular")[[2, 0]])
     assert torch.equal(part.normals, shown.normals[[2, 0]])  # type: ignore[index]
 
@@ -185,17 +179,13 @@ def test_a_prior_that_changes_its_inputs_changes_nothing_else() -> None:
     class Spoiling(Answering):
         def sample(self, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
             samples = good(observations)
-            assert observations.truth is not None
             tensors = (observations.images, observations.masks, observations.normals, observations.visibility)
             for tensor in (*tensors, *observations.truth.values(), *guidance.values()):
-                assert tensor is not None
                 tensor.fill_(torch.nan)
             guidance.clear()
             return samples
 
     ask(Spoiling(good), shown, seed=0, guidance=renders)
-    assert kept.truth is not None
-    assert shown.truth is not None
     for name in ("images", "masks", "normals", "visibility"):
         assert torch.equal(getattr(shown, name), getattr(kept, name))
     assert all(torch.equal(shown.truth[name], kept.truth[name]) for name in kept.truth)

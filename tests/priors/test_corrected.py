@@ -1,7 +1,5 @@
 """The corrected prior: the errors of the prior behind it, smaller by exactly the factor asked for."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from priors.tiny_network import tiny_weights

@@ -1,7 +1,5 @@
 """``prior=files``: pictures of a folder as samples, by hand; every mistake in one sentence; and the way of a user."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -13,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from spoils import wrote
 
 from ia_bench.cli.main import main
 from ia_bench.common.errors import InputError
@@ -170,10 +169,6 @@ def test_a_run_is_known_by_the_predictions(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------- mistakes
-def text(name: str, content: object) -> Callable[[Path], object]:
-    return lambda folder: (folder / name).write_text(content if isinstance(content, str) else json.dumps(content))
-
-
 def picture(values: np.ndarray, name: str = "a.npy") -> Callable[[Path], None]:
     def spoil(folder: Path) -> None:
         (folder / "albedo" / "a.png").unlink()
@@ -197,16 +192,20 @@ MISTAKES = {
         r"predictions\.json: albedo\.encoding: expected linear or srgb, .* found nothing",
     ),
     "alpha not said": (None, {"alpha": None}, r"albedo\.alpha: expected straight or premultiplied, .* found nothing"),
-    "unknown encoding": (text("predictions.json", {"albedo": {"encoding": "gamma"}}), {}, r"albedo\.encoding.* 'gamma'"),
-    "unknown key": (text("predictions.json", {"albdo": {}}), {}, r"predictions\.json: .*albdo"),
-    "a box of two": (text("predictions.json", {"views": {"a": {"box": [1, 2]}}}), {}, r"views\.a\.box"),
-    "no exposure": (text("predictions.json", {"views": {"a": {"exposure": 0}}}), {}, r"views\.a\.exposure: expected 1e-06 or more"),
+    "unknown encoding": (wrote("predictions.json", {"albedo": {"encoding": "gamma"}}), {}, r"albedo\.encoding.* 'gamma'"),
+    "unknown key": (wrote("predictions.json", {"albdo": {}}), {}, r"predictions\.json: .*albdo"),
+    "a box of two": (wrote("predictions.json", {"views": {"a": {"box": [1, 2]}}}), {}, r"views\.a\.box"),
+    "no exposure": (
+        wrote("predictions.json", {"views": {"a": {"exposure": 0}}}),
+        {},
+        r"views\.a\.exposure: expected 1e-06 or more",
+    ),
     "another capture": (
-        text("predictions.json", {"views": {"a": {"size": [64, 64]}}}),
+        wrote("predictions.json", {"views": {"a": {"size": [64, 64]}}}),
         {},
         "view a with 64 x 64 pixels, found 20 x 12",
     ),
-    "no JSON": (text("predictions.json", "{"), {}, "not valid JSON"),
+    "no JSON": (wrote("predictions.json", "{"), {}, "not valid JSON"),
     "another aspect": (picture(colours(12, 12)), {}, r"a\.npy: expected the aspect of .* view a, 20 x 12 pixels, found 12 x 12"),
     "not finite": (hole, {}, r"a\.npy: expected finite numbers, found NaN"),
     "grey": (picture(colours()[..., 0], "a.png"), {}, r"a\.png: expected red, green and blue, found a picture in grey \(L\)"),

@@ -3,8 +3,6 @@
 Random dials are judged over many views, with tolerances of about four standard errors; seeds are fixed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The refiner: what its network is given, what it leaves alone, and its weights on disk."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Untrained networks small enough for tests: their samples mean nothing, but obey every rule."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import torch

@@ -1,7 +1,5 @@
 """Every format of others' data, written once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

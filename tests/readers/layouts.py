@@ -4,8 +4,6 @@ Writers (ia_bench/readers/writers/) follow the description of a format alone and
 nobody exports into are here. What is written is quantised as its format is, and the bounds follow from the quantisation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
+from shapes import unit_rays
 
 from ia_bench.readers.writers.formats import FORMATS
 from ia_bench.readers.writers.parts import (
@@ -59,17 +58,9 @@ LIGHTS: dict[str, Light] = {
 }
 
 
-def rays(camera: Camera) -> np.ndarray:
-    """Unit directions (H, W, 3) through the centres of a camera's pixels."""
-    column, row = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    x, y = (column - camera.centre[0]) / camera.focal[0], -(row - camera.centre[1]) / camera.focal[1]
-    ahead = np.stack([x, y, -np.ones_like(x)], -1) @ camera.to_world[:3, :3].T
-    return ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
-
-
 def reflected(camera: Camera, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Where each pixel's ray goes from a mirror ball at the origin, (H, W, 3), and which rays meet the ball, (H, W)."""
-    ahead, place = rays(camera), camera.to_world[:3, 3]
+    ahead, place = unit_rays(camera), camera.to_world[:3, 3]
     middle = -(ahead @ place)
     depth = middle**2 - (place @ place - radius**2)
     hit = depth > 0

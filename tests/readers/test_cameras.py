@@ -1,7 +1,5 @@
 """Cameras and lenses of other conventions against what they must see, by each format's own formula."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

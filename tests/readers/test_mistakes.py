@@ -4,9 +4,6 @@ A case spoils a folder that test_round_trips.py reads as it should be read, and 
 cannot tell (docs/datasets.md lists it for each reader) is no case. To add one, write a line in the table of its format.
 """
 
-from __future__ import annotations
-
-import json
 import re
 import shutil
 from collections.abc import Callable
@@ -16,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from layouts import LAYOUTS, Layout
-from PIL import Image
+from spoils import Spoil, edited, gone, picture, wrote
 from test_round_trips import read
 
 from ia_bench.common.errors import InputError
@@ -24,35 +21,13 @@ from ia_bench.readers.writers.parts import Options, save_exr
 from ia_bench.render.agreement import check_agreement
 from ia_bench.scenes.exr import read_exr
 
-Spoil = Callable[[Path], object]
 Array = np.ndarray
 Mistakes = dict[str, tuple[Spoil, str]]
 """By name: what is done to a folder, and what has to be said of it (a regular expression)."""
 
 
-def gone(name: str) -> Spoil:
-    def spoil(folder: Path) -> None:
-        path = folder / name
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
-
-    return spoil
-
-
-def text(name: str, content: str | bytes) -> Spoil:
-    return lambda folder: (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
-
-
 def word(name: str, old: str, new: str) -> Spoil:
     return lambda folder: (folder / name).write_text((folder / name).read_text().replace(old, new))
-
-
-def edit(name: str, change: Callable[[dict[str, Any]], object]) -> Spoil:
-    def spoil(folder: Path) -> None:
-        content = json.loads((folder / name).read_text())
-        change(content)
-        (folder / name).write_text(json.dumps(content))
-
-    return spoil
 
 
 def matrix(name: str, change: Callable[[Array], Array], *, every: bool = False) -> Spoil:
@@ -62,7 +37,7 @@ def matrix(name: str, change: Callable[[Array], Array], *, every: bool = False) 
         for one in content["frames"][slice(None) if every else slice(3, 4)]:
             one["transform_matrix"] = change(np.array(one["transform_matrix"])).tolist()
 
-    return edit(name, spoil)
+    return edited(name, spoil)
 
 
 def metadata(change: Callable[[Array], Array]) -> Callable[[dict[str, Any]], object]:
@@ -75,14 +50,6 @@ def metadata(change: Callable[[Array], Array]) -> Callable[[dict[str, Any]], obj
 
 def in_all(pattern: str, spoil: Callable[[str], Spoil]) -> Spoil:
     return lambda folder: [spoil(path.relative_to(folder).as_posix())(folder) for path in sorted(folder.glob(pattern))]
-
-
-def picture(*names: str, to: Callable[[Array], Array]) -> Spoil:
-    def spoil(folder: Path) -> None:
-        for name in names:
-            Image.fromarray(np.ascontiguousarray(to(np.asarray(Image.open(folder / name))))).save(folder / name)
-
-    return spoil
 
 
 def array(name: str, values: Array) -> Spoil:
@@ -112,7 +79,7 @@ def posed(change: Callable[[Array], Array], *numbers: int) -> Spoil:
             if not numbers or int(key) in numbers:
                 image["camera"]["extrinsic"] = change(np.reshape(image["camera"]["extrinsic"], (4, 4))).ravel().tolist()
 
-    return edit(SFM, spoil)
+    return edited(SFM, spoil)
 
 
 def rows(change: Callable[[Array], Array]) -> Spoil:
@@ -158,11 +125,11 @@ NORMALS, META = "ground_truth/object_scene001/surface_normal/0001.npy", "train_0
 def view_folders(photo: str) -> Mistakes:
     return {
         "no views": (in_all("train_*", gone), "expected folders train_000, train_001, ... with metadata.json, found none"),
-        "no field of view": (edit(META, lambda m: m.pop("cam_angle_x")), "cam_angle_x: expected a finite number, found None"),
-        "degrees": (edit(META, lambda m: m.update(cam_angle_x=38.0)), RADIANS),
-        "2 numbers": (edit(META, lambda m: m.update(cam_transform_mat="1,2")), "cam_transform_mat: expected 16 numbers"),
-        "scaled": (edit(META, metadata(lambda m: m * RESCALED)), r"cam_transform_mat: expected a rotation.*det = 8"),
-        "OpenCV axes": (in_all("*/metadata.json", lambda name: edit(name, metadata(other_axes))), AXES),
+        "no field of view": (edited(META, lambda m: m.pop("cam_angle_x")), "cam_angle_x: expected a finite number, found None"),
+        "degrees": (edited(META, lambda m: m.update(cam_angle_x=38.0)), RADIANS),
+        "2 numbers": (edited(META, lambda m: m.update(cam_transform_mat="1,2")), "cam_transform_mat: expected 16 numbers"),
+        "scaled": (edited(META, metadata(lambda m: m * RESCALED)), r"cam_transform_mat: expected a rotation.*det = 8"),
+        "OpenCV axes": (in_all("*/metadata.json", lambda name: edited(name, metadata(other_axes))), AXES),
         "no mask": (picture(f"train_003/{photo}", to=lambda v: v[..., :3]), rf"{photo}: expected a mask in its alpha"),
         "empty mask": (picture(f"train_003/{photo}", to=np.zeros_like), rf"{photo}: the mask has no pixel of an object"),
         "another size": (picture(f"train_003/{photo}", to=smaller), rf"{photo}: expected 32 x 32 pixels.*found 28 x 24"),
@@ -173,32 +140,41 @@ MISTAKES: dict[str, Mistakes] = {
     "nerfstudio": {
         "no file": (gone(WHOLE), "expected transforms.json or transforms_train.json, found neither"),
         "texts of digits": (
-            edit(WHOLE, lambda c: c["frames"][3]["transform_matrix"][3].__setitem__(3, "1")),
+            edited(WHOLE, lambda c: c["frames"][3]["transform_matrix"][3].__setitem__(3, "1")),
             r"frames\[3\]: transform_matrix: expected 4 x 4 finite numbers, found shape \(0,\)",
         ),
         "mask not there": (gone("masks/train_0003.png"), r"frames\[3\]: mask_path: masks/train_0003.png: no such file"),
         "mask of another size": (picture("masks/train_0003.png", to=smaller), r"masks/train_0003.png: expected 32 x 32 pixels"),
-        "wrong width": (edit(WHOLE, lambda c: c.update(w=64)), "expected w = 64, as .* says, found 32"),
-        "focal length in a list": (edit(WHOLE, lambda c: c.update(fl_x=[50.0])), r"fl_x: expected a finite number, found \[50.0\]"),
-        "fisheye": (edit(WHOLE, lambda c: c.update(camera_model="FISHEYE")), "camera_model: expected one of.*found 'FISHEYE'"),
+        "wrong width": (edited(WHOLE, lambda c: c.update(w=64)), "expected w = 64, as .* says, found 32"),
+        "focal length in a list": (
+            edited(WHOLE, lambda c: c.update(fl_x=[50.0])),
+            r"fl_x: expected a finite number, found \[50.0\]",
+        ),
+        "fisheye": (edited(WHOLE, lambda c: c.update(camera_model="FISHEYE")), "camera_model: expected one of.*found 'FISHEYE'"),
         "fisheye of Instant-NGP": (
-            edit(WHOLE, lambda c: c.update(is_fisheye=bool(c.pop("camera_model")))),
+            edited(WHOLE, lambda c: c.update(is_fisheye=bool(c.pop("camera_model")))),
             "camera_model: .* found 'OPENCV_FISHEYE'",
         ),
-        "absurd lens": (edit(WHOLE, lambda c: c.update(k1=-40.0)), "expected the distortion of a lens, found one under which"),
+        "absurd lens": (edited(WHOLE, lambda c: c.update(k1=-40.0)), "expected the distortion of a lens, found one under which"),
         "OpenCV axes": (matrix(WHOLE, other_axes, every=True), AXES),
         "world-to-camera": (matrix(WHOLE, np.linalg.inv, every=True), f"{AXES}|{MESH}.*world-to-camera"),
         "another scale": (matrix(WHOLE, lambda m: m * FARTHER, every=True), MESH),
-        "unknown split": (edit(WHOLE, lambda c: c["train_filenames"].append("no.png")), "train_filenames: expected a list of file"),
+        "unknown split": (
+            edited(WHOLE, lambda c: c["train_filenames"].append("no.png")),
+            "train_filenames: expected a list of file",
+        ),
     },
     "blender": {
-        "no frame": (edit(TRAIN, lambda c: c.update(frames=[])), "expected at least one training view, found none"),
+        "no frame": (edited(TRAIN, lambda c: c.update(frames=[])), "expected at least one training view, found none"),
         "no photograph": (gone("train/r_3.png"), r"frames\[3\]: file_path: \./train/r_3: no such file"),
         "another size": (picture("train/r_3.png", to=smaller), "expected 32 x 32 pixels like train/r_0 with"),
     },
     "tensoir": view_folders("rgba_sunset_000.png"),
     "nerfactor": {
-        "a light beyond": (edit("train_000/metadata.json", lambda m: m.update(envmap_inten=1e38)), "light train: expected finite"),
+        "a light beyond": (
+            edited("train_000/metadata.json", lambda m: m.update(envmap_inten=1e38)),
+            "light train: expected finite",
+        ),
     },
     "synthetic4relight": {
         "a folder for frames": (
@@ -211,7 +187,7 @@ MISTAKES: dict[str, Mistakes] = {
     },
     "dtu": {
         "no cameras": (gone(CAMERAS), "cameras.npz: no such file"),
-        "no archive": (text(CAMERAS, "no archive"), "cameras.npz: expected arrays of numbers"),
+        "no archive": (wrote(CAMERAS, "no archive"), "cameras.npz: expected arrays of numbers"),
         "a photograph is missing": (gone("image/003.png"), r"expected as many photographs in image/ as cameras \(19\), found 18"),
         "3 x 4": (one_matrix("world_mat_3", lambda m: m[:3]), r"world_mat_3: expected 4 x 4 numbers .*, found shape \(3, 4\)"),
         "not finite": (one_matrix("world_mat_3", lambda m: m * np.nan), "world_mat_3: expected finite numbers, found NaN"),
@@ -220,18 +196,18 @@ MISTAKES: dict[str, Mistakes] = {
     },
     "colmap": {
         "no model": (gone("sparse"), "expected a sparse model"),
-        "broken model": (text(f"{SPARSE}/cameras.txt", "1 NOTHING 32 32 5\n"), "expected a sparse model of COLMAP, found"),
+        "broken model": (wrote(f"{SPARSE}/cameras.txt", "1 NOTHING 32 32 5\n"), "expected a sparse model of COLMAP, found"),
         "another size": (
             picture("images/0004.png", "masks/0004.png.png", to=smaller),
             "0004.png: expected 32 x 32 pixels like camera 1 of the sparse model, found 28 x 24",
         ),
         "fisheye": (word(f"{SPARSE}/cameras.txt", "PINHOLE", "SIMPLE_RADIAL_FISHEYE"), "camera 1: expected one of .*_FISHEYE"),
         "rotation of zeros": (
-            text(f"{SPARSE}/images.txt", "".join(f"{n} 0 0 0 0 0 0 3 1 {n:04}.png\n\n" for n in range(1, 20))),
+            wrote(f"{SPARSE}/images.txt", "".join(f"{n} 0 0 0 0 0 0 3 1 {n:04}.png\n\n" for n in range(1, 20))),
             "image 2: expected a rotation as a unit quaternion, found",
         ),
         "one name for two": (word(f"{SPARSE}/images.txt", "0004.png", "0003.png"), "expected every photograph once"),
-        "no poses": (text(f"{SPARSE}/images.txt", "# nothing\n"), "expected photographs with a pose in the sparse model"),
+        "no poses": (wrote(f"{SPARSE}/images.txt", "# nothing\n"), "expected photographs with a pose in the sparse model"),
     },
     "llff": {
         "no poses": (gone(POSES), r"poses_bounds\.npy: no such file"),
@@ -242,12 +218,12 @@ MISTAKES: dict[str, Mistakes] = {
         "another aspect": (rows(lambda row: row * [1, 1, 1, 1, 1] + SQUEEZED), r"expected the aspect of 32 x 64 pixels"),
     },
     "neilf": {
-        "README's key": (edit(SFM, lambda c: c.update(image_list=c.pop("image_path"))), "expected image_path, found none"),
-        "12 numbers": (edit(SFM, lambda c: c["bbox"].update(transform=[1.0] * 12)), "bbox.transform: expected 16 finite numbers"),
+        "README's key": (edited(SFM, lambda c: c.update(image_list=c.pop("image_path"))), "expected image_path, found none"),
+        "12 numbers": (edited(SFM, lambda c: c["bbox"].update(transform=[1.0] * 12)), "bbox.transform: expected 16 finite numbers"),
         "camera-to-world": (posed(np.linalg.inv), f"look away|{MESH}"),
         "no positions": (gone("inputs/position_maps"), r"depth_maps/004.exr: no such file"),
         "focal length in words": (
-            edit(SFM, lambda c: c["camera_track_map"]["images"]["3"]["camera"]["intrinsic"].update(focal="48 px")),
+            edited(SFM, lambda c: c["camera_track_map"]["images"]["3"]["camera"]["intrinsic"].update(focal="48 px")),
             r"images\.3\.camera\.intrinsic\.focal: expected 2 finite numbers, found '48 px'",
         ),
         "negative radiance": (
@@ -259,17 +235,20 @@ MISTAKES: dict[str, Mistakes] = {
     "openillumination": {
         "no photographs": (gone("Lights"), "expected the folder of one object, with Lights in it"),
         "no such light": (gone("Lights/013"), "unknown reader.options.pattern '013'"),
-        "another width": (edit(OUTPUT, lambda c: c["frames"]["CA3"].update(calib_imgw=50)), "CA3.JPG: expected calib_imgw = 50"),
+        "another width": (edited(OUTPUT, lambda c: c["frames"]["CA3"].update(calib_imgw=50)), "CA3.JPG: expected calib_imgw = 50"),
         "one file for two": (
-            edit(OUTPUT, lambda c: c["frames"]["CA3"].update(file_path="./images/CA2")),
+            edited(OUTPUT, lambda c: c["frames"]["CA3"].update(file_path="./images/CA2")),
             r"frames\['CA3'\]: file_path: expected every photograph once",
         ),
     },
     "objects_with_lighting": {
         "no photographs": (gone("test/inputs"), r"expected photographs image_0000\.png, image_0001\.png, ..., found none"),
-        "two exposures": (text("test/inputs/exposure.txt", "0.1 0.2\n"), r"exposure\.txt: expected 1 x 1 finite numbers"),
-        "exposure beyond": (text("test/inputs/exposure.txt", "1e5\n"), r"exposure\.txt: expected an exposure from -32 to 32 stops"),
-        "no numbers": (text("test/inputs/camera_0003.txt", "one two three\n"), r"camera_0003\.txt: expected rows of numbers"),
+        "two exposures": (wrote("test/inputs/exposure.txt", "0.1 0.2\n"), r"exposure\.txt: expected 1 x 1 finite numbers"),
+        "exposure beyond": (
+            wrote("test/inputs/exposure.txt", "1e5\n"),
+            r"exposure\.txt: expected an exposure from -32 to 32 stops",
+        ),
+        "no numbers": (wrote("test/inputs/camera_0003.txt", "one two three\n"), r"camera_0003\.txt: expected rows of numbers"),
         "another size": (
             picture("test/inputs/mask_0003.png", "test/inputs/image_0003.png", to=smaller),
             r"image_0003\.png: expected 32 x 32 pixels like .*camera_0003\.txt, found 28 x 24",
@@ -289,7 +268,7 @@ MISTAKES: dict[str, Mistakes] = {
         "no map": (gone("ground_truth/object_scene002/env_map/0001.exr"), "no environment map .*object_scene002/env_map/0001.exr"),
         "normals in a picture": (array(NORMALS, np.ones((32, 32))), r"0001\.npy: expected \(32, 32, 3\) values"),
         "complex normals": (array(NORMALS, np.ones((32, 32, 3), complex)), r"0001\.npy: expected at most .* real numbers"),
-        "a header alone": (text(NORMALS, HUGE_HEADER), r"0001\.npy: expected arrays of numbers "),
+        "a header alone": (wrote(NORMALS, HUGE_HEADER), r"0001\.npy: expected arrays of numbers "),
         "normals of another size": (array(NORMALS, np.ones((48, 32, 3))), r"expected \(32, 32, 3\) values"),
     },
 }

@@ -1,7 +1,5 @@
 """Exposures that cameras recorded, in transforms.json or EXIF: training images are divided by them, renders are exposed by them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -4,8 +4,6 @@ Cameras are compared to 1e-6, photographs to their quantisation, truth to the tr
 (ia_bench/readers/writers/) from its description and a line of layouts.py. A mirror ball proves how each format lays a light out.
 """
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -161,7 +159,6 @@ with_lights = pytest.mark.parametrize("layout", [one for one in LAYOUTS if one.l
 @with_lights
 def test_lights_are_read_as_what_they_were(layout: Layout, folder: Path, given: Options) -> None:
     scene = read(layout, folder, given)
-    assert scene.truth is not None
     assert {view.light for view in scene.novel} - {"train"} <= set(scene.truth.lights)
     for name, radiance in scene.truth.lights.items():
         true = blender_map(layout.formula(name), len(radiance))  # the layout that is ours, too
@@ -180,7 +177,6 @@ def test_a_mirror_ball_shows_the_light_that_the_map_holds(layout: Layout, tmp_pa
     )
     ball = replace(with_maps(tiny), train=tuple(ball_seen(view, TRAIN_LIGHT) for view in tiny.train), test=test, novel=novel)
     scene = read(layout, tmp_path / "ball", layout.write(tmp_path / "ball", ball))
-    assert scene.truth is not None
     views = [view for view in (*scene.train, *scene.novel) if view.light in scene.truth.lights]
     assert ball_error(views, scene.truth.lights) < 0.025  # of texels of 6 degrees, .02, and of 8 bits
     for spoil in WRONG_MAPS:

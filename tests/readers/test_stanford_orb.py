@@ -1,7 +1,5 @@
 """Truth of Stanford-ORB at the size of shrunken photographs: what is constant on the object is that constant times coverage."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where the real data is: IA_BENCH_REAL_DATA, else results/real. Tests that need it skip without it, and say how to get it."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 from pathlib import Path
@@ -24,8 +22,6 @@ def real_data() -> Path:
 def fetch() -> ModuleType:
     """The script datasets/real/fetch.py, which is no part of a package."""
     spec = importlib.util.spec_from_file_location("fetch_real_data", ROOT / "datasets" / "real" / "fetch.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -1,7 +1,5 @@
 """The real captures as the table reads them, small: views, exposures, and masks that agree with the poses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -26,7 +24,6 @@ def test_a_capture_is_read_and_its_silhouettes_agree(
 ) -> None:
     monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
     entry = CAPTURES[name]
-    assert entry.path is not None
     folder = real_data / Path(entry.path).relative_to("results/real")
     if not folder.is_dir():
         pytest.skip(f"no {folder}: make real-data NC=1")

@@ -1,7 +1,5 @@
 """``make real-data`` from repositories: local ones in place of GitHub's, with content that is made here."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess
@@ -80,13 +78,6 @@ def test_a_light_is_the_nearest_rgbe_to_the_mean_of_four(
     assert "1 files are only to be had by FROM=FOLDER, as how they were changed is no recipe: of nobody/objects" in shown
     assert said.count("\n") == 1
     assert said.startswith("nobody/lights at 0000000000: left out: git fetch")
-
-
-def test_runs_of_a_picture_are_read_back(fetch: ModuleType, tmp_path: Path) -> None:
-    random = np.random.default_rng(1)
-    image = np.repeat(random.integers(1, 255, (4, 60, 3)), random.integers(1, 9, 60), axis=1) / 16.0
-    (tmp_path / "a.hdr").write_bytes(fetch.rgbe(image, "runs"))
-    assert np.abs(read_rgbe(tmp_path / "a.hdr") - image).max() <= image.max() / 256
 
 
 def test_a_capture_in_llff_s_layout_becomes_one_that_is_read(github: Path, fetch: ModuleType, tmp_path: Path) -> None:

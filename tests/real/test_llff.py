@@ -1,7 +1,5 @@
 """Real captures in LLFF's layout, read by their poses_bounds.npy, against their transforms.json."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The scene `tiny` as the renderer wants it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
@@ -20,7 +18,6 @@ def tiny_stage(tiny: Scene) -> Stage:
 @pytest.fixture(scope="session")
 def tiny_material(tiny: Scene) -> Material:
     """Ground truth, with roughness of at least 0.5: so rough that brute force can integrate it."""
-    assert tiny.truth is not None
     roughness = np.maximum(tiny.truth.roughness, 0.5)[..., None]
     return Material(torch.from_numpy(tiny.truth.albedo).float(), torch.from_numpy(roughness).float())
 
@@ -28,12 +25,10 @@ def tiny_material(tiny: Scene) -> Material:
 @pytest.fixture(scope="session")
 def soft_light(tiny: Scene) -> torch.Tensor:
     """The studio light of `tiny`, (64, 128, 3): no sun, so that brute force can integrate it."""
-    assert tiny.truth is not None
     return torch.from_numpy(tiny.truth.lights["studio"])
 
 
 @pytest.fixture(scope="session")
 def tiny_sun(tiny: Scene) -> torch.Tensor:
     """The training light of `tiny`, (64, 128, 3): a small bright sun."""
-    assert tiny.truth is not None
     return torch.from_numpy(tiny.truth.lights["train"])

@@ -5,8 +5,6 @@ distribution and Smith's G1, the `diffuse` BSDF, path replay (`prb`) for the gra
 equation 2 from these parts, and the light and its axes in the words of scene.json. Both look through the centres of the pixels.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Mesh and masks: how far they agree, and what is said of the mistakes that others' conventions lead to."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 Expected values are computed from the numbers that the files are written from, by the formats' own definitions.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import struct
@@ -96,7 +94,6 @@ def test_our_own_file_comes_back(tmp_path: Path, square: Mesh) -> None:
     np.testing.assert_allclose(asset.mesh.uv, square.uv, atol=1e-7)
     assert np.abs(asset.albedo - albedo).max() < 0.5 / 255 * 2.3  # the steepest that the decoding of sRGB is
     assert np.abs(asset.roughness - roughness[..., 0]).max() <= HALF
-    assert asset.metallic is not None
     assert np.abs(asset.metallic - metallic[..., 0]).max() <= HALF
     np.testing.assert_array_equal(asset.light, light)
 
@@ -210,7 +207,7 @@ def test_several_materials_share_one_texture_and_keep_their_values(tmp_path: Pat
 
 
 def test_blenders_own_exporter() -> None:
-    """``by_blender.py`` made the file: a sphere with painted maps about (0, 0, .5), and a plain cube about (.8, .1, .3), z up."""
+    """A sphere with painted maps about (0, 0, .5), and a plain cube about (.8, .1, .3), z up (datasets/recipes/by_blender.py)."""
     rng = np.random.default_rng(0)
     base, packed = (rng.integers(0, 256, (8, 8, 3))[::-1] / np.float32(255) for _ in range(2))  # Blender's first row is the lowest
     asset, notes = read(Path(__file__).with_name("by_blender.glb"))

@@ -3,14 +3,12 @@
 The closed forms start from the camera's matrix and the shapes' equations; they share no code with the renderer.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
 from means import assert_same_mean
 from scipy.stats import norm
-from shapes import camera_at, plate, sphere, together
+from shapes import camera_at, plate, sphere, together, unit_rays
 from stage import Stage
 
 from ia_bench.light.environment import LatLongEnvironment
@@ -24,17 +22,9 @@ pytestmark = pytest.mark.verify
 REPEATS = 24
 
 
-def rays_of(camera: Camera) -> np.ndarray:
-    """Unit directions (H W, 3) through the centres of the pixels of an OpenGL camera, float64."""
-    row, column = (np.indices((camera.height, camera.width)) + 0.5).reshape(2, -1)
-    across, down = (column - camera.centre[0]) / camera.focal[0], (row - camera.centre[1]) / camera.focal[1]
-    directions = np.stack([across, -down, -np.ones(len(row))], -1) @ camera.to_world[:3, :3].T
-    return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-
-
 def unit_ball(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Where these rays meet the unit ball: normals (H W, 3), NaN for a miss, and directions toward the camera."""
-    origin, direction = camera.to_world[:3, 3], rays_of(camera)
+    origin, direction = camera.to_world[:3, 3], unit_rays(camera).reshape(-1, 3)
     along = direction @ origin
     with np.errstate(invalid="ignore"):
         distance = -along - np.sqrt(along**2 - origin @ origin + 1)
@@ -154,7 +144,7 @@ def test_facing_planes_block_their_form_factor(above: bool) -> None:
     every = torch.arange(len(stage.gbuffer.pixel))
     assert len(every) == 15 * 15  # the plate fills the picture
 
-    direction = rays_of(camera)
+    direction = unit_rays(camera).reshape(-1, 3)
     seen = camera.to_world[:3, 3] + direction * ((gap / 2 + inside) / np.abs(direction[:, 2]))[:, None]
     assert np.abs(seen[:, :2]).max() > 0.9 * half
     expected = 0.5 * 2.0 * (1 - blocked_share(seen[:, 0], seen[:, 1], half, gap))
@@ -235,8 +225,6 @@ def test_estimator_agrees_with_brute_force(tiny_stage: Stage, tiny_material: Mat
 
 
 # ---------------------------------------------------------------- convergence
-
-
 def test_error_falls_as_the_root_of_the_samples(tiny_stage: Stage, tiny_material: Material, tiny_sun: torch.Tensor) -> None:
     """Slope of log error over log samples from 8 to 512 independent samples: -1/2 (-0.490 +- 0.005 over ten seeds).
 

@@ -1,7 +1,5 @@
 """The control variate of diffuse light changes the noise of an estimate and nothing else, whatever its bake says."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every kernel compiles for CUDA, for which no device is needed; what a GPU computes, only a machine with one can test."""
 
-from __future__ import annotations
-
 import importlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What pixels see: against Cycles' alpha, depth and normal of `tiny`, and on meshes whose answer is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

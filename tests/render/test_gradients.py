@@ -1,7 +1,5 @@
 """Gradients of the whole renderer without bias: against finite differences, against quadrature, and none of the directions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -5,8 +5,6 @@ textures of different sizes with roughness at both of its ends. Values and gradi
 that the kernels drew, because a narrow lobe changes by more than the tolerance from one float32 direction to the next.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A case is a BSDF and a path depth (2 is direct light alone). Needs the extra `mi
 skipped without them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,5 @@
 """The usual reconstruction, textures and a lat-long light, against the renderer that it stands for."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -19,19 +16,12 @@ from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import REFERENCE, REFERENCE_BOUNCES
 from ia_bench.render.stage import Stage
 
+pytestmark = pytest.mark.usefixtures("own_cache")
+
 CPU = torch.device("cpu")
-ATLAS = 32  # texels along a side, in place of as many as a score takes
+ATLAS = 32  # texels along a side, as own_cache has it
 CAMERAS = [camera_at((2.0, 1.0, 1.5), pixels=9), camera_at((-2.0, 1.0, 0.5), pixels=9)]
 USUAL = {"albedo_scale": None, "quality": Quality(2, 16, 3)}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Where the ball's indirect light is baked, once for all tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("IA_BENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
-        patch.setattr("ia_bench.render.reconstruction.REFERENCE_ATLAS", ATLAS)
-        yield
 
 
 @pytest.fixture
@@ -85,7 +75,6 @@ def test_it_renders_as_the_reference_renderer_does(stage: Stage, material: Mater
     generator = torch.Generator().manual_seed(3)
     expected = renderer.render_images(stage.gbuffer(CAMERAS, 2), material, SampledLight.of(light), 16, generator)["radiance"]
     rendered = found.render(CAMERAS, light=None, **USUAL)
-    assert rendered is not None
     np.testing.assert_array_equal(np.stack(rendered.images), expected.numpy())
     given = found.render(CAMERAS, light=LatLongEnvironment(light), **USUAL)
     np.testing.assert_array_equal(given.images, rendered.images)

@@ -1,7 +1,5 @@
 """The renderer around the estimator: pictures, what it does not depend on, and Cycles' direct light as a whole."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -25,7 +23,6 @@ def test_ground_truth_through_the_renderer_is_cycles_direct_light(tiny: Scene, t
     The gap is the Principled BSDF, which takes from the diffuse part what it reflects, noise of both, and the pixel's
     footprint: with 2 x 2 points it is 30 dB, whatever the samples.
     """
-    assert tiny.truth is not None
     stage = Stage.of(tiny.mesh, [view.camera for view in tiny.test], side=4)
     albedo, roughness = (torch.from_numpy(t).float() for t in (tiny.truth.albedo, tiny.truth.roughness))
     material = Material(albedo, roughness[..., None].clamp(0.03, 1))
@@ -88,8 +85,6 @@ def test_points_that_miss_count_as_nothing() -> None:
 
 
 # ---------------------------------------------------------------- mistakes and layouts
-
-
 @pytest.mark.parametrize(
     ("shape", "where", "wanted"),
     [

@@ -4,8 +4,6 @@ The first is rendered of a turned mesh by the renderer as it is, the second of a
 Both draw the same samples, so they agree to rounding, but for the few rays that hit another triangle at an edge.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -168,8 +166,6 @@ def test_few_turns_stand_for_all():
 
 
 # ---- the axis, from cameras ----
-
-
 def ring(axis: np.ndarray, count: int, height: float, radius: float, middle: np.ndarray, noise: float) -> list[View]:
     rng = np.random.default_rng(count)
     to_axis = np.linalg.svd(axis[None])[2][[1, 2, 0]].T * [1, 1, np.sign(np.linalg.svd(axis[None])[2][0] @ axis)]

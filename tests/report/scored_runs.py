@@ -1,7 +1,5 @@
 """Runs as a report reads them, without their folders."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Cells of a published table run again: which are drawn, what is said of each, and that none is passed over in silence."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Callable
 from pathlib import Path

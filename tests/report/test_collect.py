@@ -1,7 +1,5 @@
 """Reading run folders and a report's runs.csv: what is there arrives, what is broken is named and becomes a failure."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable
@@ -113,8 +111,6 @@ def test_a_broken_curve_is_named_and_does_not_fail_the_run(write_run: Write, tex
 
 
 # ---- a report's runs.csv read back ------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def first(write_run_below: Write, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two rows, two scenes, two seeds, of which one run failed and one has no view synthesis."""

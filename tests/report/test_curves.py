@@ -1,7 +1,5 @@
 """What the figures of error against run time draw."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -55,7 +53,6 @@ def test_seeds_that_were_scored_once_each_are_marks(write_run: Write) -> None:
     """As with preset=smoke; a mean at common times has none, and the figure was empty."""
     once = [write_run("ours", "hat", seed, curve=f"final,18,{3 + seed},2{seed},20,20,20,0.1\n") for seed in range(2)]
     figure = draw_scene(collect(once).runs, "hat", ["ours"])
-    assert figure is not None
     lines = figure.axes[0].get_lines()
     assert [(*line.get_xdata(), *line.get_ydata()) for line in lines] == [(3, 20), (4, 21)]
     assert all(line.get_marker() == "o" for line in lines)

@@ -1,7 +1,5 @@
 """Gains at equal seconds and the Pareto front, against numbers worked out by hand."""
 
-from __future__ import annotations
-
 import csv
 import math
 from dataclasses import replace
@@ -64,9 +62,7 @@ def records(seeds: int = 1, **more: object) -> list[Record]:
 
 
 def clocked(found: list[Record], table: Table = TABLE) -> Timing:
-    time = timing(as_table(found), table, table.reference)
-    assert time is not None
-    return time
+    return timing(as_table(found), table, table.reference)
 
 
 @pytest.mark.parametrize(
@@ -193,7 +189,6 @@ def test_the_picture_has_rows_from_the_cheapest_to_the_dearest() -> None:
     found = points(as_table(records()), clocked(records()))
     assert [row["row"] for row in found[0]["rows"]] == sorted(SPENT, key=SPENT.__getitem__)
     figure = draw_pareto(found)
-    assert figure is not None
     assert [panel.get_title() for panel in figure.axes] == ["Aligned albedo PSNR", "Relighting PSNR"]
     dashed = next(line for line in figure.axes[0].lines if line.get_label() == "none with more work")
     assert list(dashed.get_xdata()) == [1.0, 2.0, 4.0]

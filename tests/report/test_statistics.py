@@ -1,7 +1,5 @@
 """Means and intervals against scipy's tests, and what failures, missing scenes and ties do to a table."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import scipy.stats
@@ -28,8 +26,6 @@ PSNR, ROUGHNESS = METRICS[0], METRICS[-1]
 
 
 def between(estimate: Estimate | None) -> tuple[float, float]:
-    assert estimate is not None
-    assert estimate.half_width is not None
     return estimate.mean - estimate.half_width, estimate.mean + estimate.half_width
 
 
@@ -53,7 +49,6 @@ def test_the_interval_over_two_scenes_is_welchs() -> None:
     low, high = scipy.stats.ttest_ind(a, -b, equal_var=False).confidence_interval(0.95)
     estimate = over_scenes([a.tolist(), b.tolist()])
     assert between(estimate) == pytest.approx((low / 2, high / 2))
-    assert estimate is not None
     assert estimate.scenes == 2
 
 
@@ -71,7 +66,6 @@ def test_the_paired_difference_is_scipys_and_forgets_the_scenes_own_level() -> N
     runs += [scored("ours", f"s{i}", 0, level + gain) for i, (level, gain) in enumerate(zip(levels, gains, strict=True))]
     expected = scipy.stats.ttest_rel(levels + gains, levels).confidence_interval(0.95)
     found = difference(runs, "ours", "none").over_seeds
-    assert found is not None
     assert (found.mean - found.wider, found.mean + found.wider) == pytest.approx(expected)
 
 
@@ -85,7 +79,6 @@ def test_the_paired_difference_uses_the_shared_scenes_only() -> None:
 def test_a_mean_is_carried_by_the_pair_without_which_its_sign_changes() -> None:
     """One bad seed of the reference: .43 dB ahead with it, .13 dB behind without."""
     console = Paired({"console": {0: 0.23, 1: -0.49, 2: 1.56}})
-    assert console.over_seeds is not None
     assert console.over_seeds.mean == pytest.approx(0.4333, abs=1e-4)
     assert console.carriers == [("console", 2)]
     assert Paired({"console": {0: 0.23, 1: 0.49, 2: 1.56}}).carriers == []
@@ -106,7 +99,6 @@ def test_failures_are_counted_and_enter_no_mean() -> None:
     runs = [scored("ours", "hat", seed, 10.0 + 2 * seed, seconds=3.0, peak_memory_bytes=5 + seed) for seed in (0, 1)]
     runs.append(scored("ours", "hat", 2, None, problem="no"))
     ours, theirs = block_of(runs, ["ours", "theirs"], ["hat"]).lines
-    assert ours.values["albedo.psnr"] is not None
     assert ours.values["albedo.psnr"].mean == 11.0
     assert (ours.failed, ours.runs, ours.seconds, ours.peak_memory_bytes) == (1, 3, Estimate(3.0, 0.0), 6)
     assert (theirs.failed, theirs.runs, theirs.seconds, theirs.peak_memory_bytes) == (0, 0, None, None)
@@ -148,7 +140,6 @@ def test_a_lead_is_decided_by_pairs_in_every_scene(seeds: dict[str, tuple[int, i
 
 
 # ---- claimed orderings, against differences and intervals worked out by hand ----
-
 HAT = ["hat"]
 
 
@@ -188,14 +179,11 @@ def test_a_missing_scene_leaves_it_undecided() -> None:
 
 def test_a_lower_error_is_an_advantage() -> None:
     found = verdict({"ours": {"hat": [0.010, 0.011, 0.012]}, "theirs": {"hat": [0.030, 0.031, 0.032]}}, metric="roughness.mse")
-    assert found.pairs.over_seeds is not None
     assert found.pairs.over_seeds.mean == pytest.approx(0.02)
     assert found.outcome == "reproduced"
 
 
 # ---- many comparisons at once, and scenes that nobody has seen ----
-
-
 def test_holm_is_worked_out_by_hand() -> None:
     """Five tests: .05 / 5 = .01, .0125, .01667, .025, .05. The fourth fails, and so the fifth, which alone would pass."""
     assert holm([0.045, 0.001, 0.026, 0.016, 0.012, None]) == [False, True, False, True, True, False]
@@ -250,7 +238,6 @@ def test_the_prediction_interval_holds_a_new_scene_in_95_of_a_hundred(scenes: in
     held = []
     for _ in range(2000):
         pairs, new = drawn(generator, scenes, mean=3.0), drawn(generator, 1, mean=3.0)
-        assert pairs.new_scene is not None
         held.append(abs(new.scenes[0] - pairs.scenes.mean()) <= pairs.new_scene)
     inside = scipy.stats.binom.cdf([int(0.934 * 2000), int(0.966 * 2000)], 2000, 0.95)
     assert 1 - np.diff(inside)[0] < 0.002

@@ -1,7 +1,5 @@
 """Gains, photographs and their intervals: against numbers worked out by hand, and the bootstrap against coverage that is known."""
 
-from __future__ import annotations
-
 import csv
 import math
 from dataclasses import replace

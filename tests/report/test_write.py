@@ -1,18 +1,15 @@
 """The whole report from run folders: every format, the paper's block, failures, foreign protocols, independence."""
 
-from __future__ import annotations
-
 import csv
 import math
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import pytest
 from scored_runs import put_setup, scored
+from spoils import edited
 
 from ia_bench.common.errors import InputError
 from ia_bench.report.collect import NOT_SCORED, Collection, as_table, collect
@@ -210,16 +207,23 @@ def test_each_reason_of_a_null_is_one_footnote_wherever_it_holds(write_run: Writ
             (f"{name}.psnr" for name in ("aligned_albedo", "view_synthesis", "relighting")), "the method cannot predict it"
         )
         reasons = {"albedo.psnr": "the scene has no such truth", **cannot}
-        write_run("ours", scene, psnr=None, reasons=reasons)
+        folder = write_run("ours", scene, psnr=None, reasons=reasons)
+    edited("metrics.json", lambda of_ship: of_ship["metrics"]["roughness"].update(mse=None))(folder)
+    edited("metrics.json", lambda of_ship: of_ship["reasons"].update({"roughness.mse": "no true roughness"}))(folder)
     report = write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
     runs = "ours, hat, seed 0; ours, ship, seed 0"
     assert report.findings.undefined == {
         "the scene has no such truth": f"albedo.psnr in {runs}",
         "the method cannot predict it": f"aligned_albedo.psnr, view_synthesis.psnr, relighting.psnr in {runs}",
+        "no true roughness": "roughness.mse in ours, ship, seed 0",
     }
     text = (tmp_path / "out" / "report.md").read_text()
     assert "| ours | 0.9000 | 0.1000 | 0.9000 | 0.1000 |" in text, "columns that no run has are left out"
     assert "Left out, for no run has it: Albedo PSNR ↑: the scene has no such truth." in text
+    overall, hat, ship = text.split("\n## ")[1:4]
+    assert "| ours | 0.0500 (1/2)[^3] |" in overall, "one scene has it"
+    assert "Roughness MSE ↓: no true roughness" not in overall + hat
+    assert "Left out, for no run has it: Roughness MSE ↓: no true roughness" in ship
     assert f"\n[^1]: the scene has no such truth (albedo.psnr in {runs})\n" in text
     assert "\n[^2]: the method cannot predict it (" in text
     latex = (tmp_path / "out" / "table.tex").read_text()
@@ -229,18 +233,7 @@ def test_each_reason_of_a_null_is_one_footnote_wherever_it_holds(write_run: Writ
     assert told.startswith("albedo.psnr: the scene has no such truth; aligned_albedo.psnr, view_synthesis.psnr, ")
 
 
-def test_the_report_needs_no_trainer_no_prior_and_no_matplotlib_to_be_imported() -> None:
-    code = (
-        "import sys, ia_bench.report.write\n"
-        "print([n for n in sys.modules if n.startswith(('ia_bench.fit', 'ia_bench.priors', 'torch', 'matplotlib'))])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=1200, check=True)
-    assert done.stdout.strip() == "[]"
-
-
 # ---- how the runs were made ----
-
-
 def test_presets_threads_commits_and_changed_code_that_mix_stand_first(write_run: Write, tmp_path: Path) -> None:
     made = [("quick", 1, "abc"), ("quick", 1, "abc"), ("smoke", 2, "def+changes")]
     for seed, (preset, threads, commit) in enumerate(made):

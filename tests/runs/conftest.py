@@ -1,7 +1,5 @@
 """A run folder, open, and the folders of shipped scenes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What the run folders of tests hold."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from typing import Any
 

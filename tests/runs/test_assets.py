@@ -1,7 +1,5 @@
 """The files a run leaves: EXR maps to the bit, and a glTF binary read back without the code that wrote it."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct
@@ -71,16 +69,23 @@ def texture(description: dict, data: bytes, index: int) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(data[start : start + view["byteLength"]])).convert("RGB"))
 
 
-def test_exr_maps_are_the_textures(tmp_path: Path, mesh: Mesh, fitted: TexturedReconstruction) -> None:
+def test_maps_are_the_textures_and_metal_is_blue_in_the_asset(tmp_path: Path, fitted: TexturedReconstruction) -> None:
+    metallic = torch.linspace(0, 1, 256).reshape(16, 16, 1)
     with RunFolder(tmp_path / "run", {"a": 1}, "0") as folder:
+        fitted.material = replace(fitted.material, metallic=metallic)
         write_assets(folder, fitted)
-    channels = {"albedo": 3, "roughness": 1, "light": 3}
+    channels = {"albedo": 3, "roughness": 1, "metallic": 1, "light": 3}
     read = {name: read_exr(tmp_path / "run" / f"{name}.exr", count) for name, count in channels.items()}
-    np.testing.assert_array_equal(read["albedo"], fitted.material.albedo)
-    np.testing.assert_array_equal(read["roughness"], fitted.material.roughness)
-    np.testing.assert_array_equal(read["light"], fitted.environment.texels)  # beyond half float's 65504
-    assert fitted.environment.texels.max() > 65504
-    assert (tmp_path / "run" / "asset.glb").read_bytes()[:4] == b"glTF"
+    for name in ("albedo", "roughness", "metallic"):
+        np.testing.assert_array_equal(read[name], getattr(fitted.material, name))
+    np.testing.assert_array_equal(read["light"], fitted.environment.texels)
+    assert fitted.environment.texels.max() > 65504  # beyond half float
+    description, data = chunks((tmp_path / "run" / "asset.glb").read_bytes())
+    found = description["materials"][0]["pbrMetallicRoughness"]
+    assert found.get("metallicFactor", 1.0) == 1.0
+    packed = texture(description, data, found["metallicRoughnessTexture"]["index"])
+    np.testing.assert_array_equal(packed[..., 2], np.arange(256).reshape(16, 16))
+    np.testing.assert_array_equal(packed[..., 1], np.round(255 * fitted.material.roughness.numpy()[..., 0]))
 
 
 def test_glb_by_its_specification(mesh: Mesh, fitted: TexturedReconstruction) -> None:
@@ -110,17 +115,3 @@ def test_glb_by_its_specification(mesh: Mesh, fitted: TexturedReconstruction) ->
     centre = torch.from_numpy(np.stack([(column + 0.5) / 16, 1 - (row + 0.5) / 16], 1).astype(np.float32))
     shown = linear_to_srgb(fetch(fitted.material.albedo, centre).numpy())
     np.testing.assert_allclose(base[row, column] / 255, shown, atol=0.6 / 255)
-
-
-def test_metal_has_a_map_and_the_blue_channel(tmp_path: Path, mesh: Mesh, fitted: TexturedReconstruction) -> None:
-    metallic = torch.linspace(0, 1, 256).reshape(16, 16, 1)
-    with RunFolder(tmp_path / "run", {"a": 1}, "0") as folder:
-        fitted.material = replace(fitted.material, metallic=metallic)
-        write_assets(folder, fitted)
-    np.testing.assert_array_equal(read_exr(tmp_path / "run" / "metallic.exr", 1), metallic)
-    description, data = chunks((tmp_path / "run" / "asset.glb").read_bytes())
-    found = description["materials"][0]["pbrMetallicRoughness"]
-    assert found.get("metallicFactor", 1.0) == 1.0
-    packed = texture(description, data, found["metallicRoughnessTexture"]["index"])
-    np.testing.assert_array_equal(packed[..., 2], np.arange(256).reshape(16, 16))
-    np.testing.assert_array_equal(packed[..., 1], np.round(255 * fitted.material.roughness.numpy()[..., 0]))

@@ -1,13 +1,12 @@
 """How far a table is: every state made by hand, and the time left by arithmetic."""
 
-from __future__ import annotations
-
 import json
 import os
 import time
 from pathlib import Path
 
 import pytest
+from run_records import write_record
 
 from ia_bench.common.errors import InputError
 from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, WAITING, look, read_cells
@@ -22,10 +21,7 @@ def cell(results: Path, row: str, seed: int = 0, /, **record: object) -> Path:
     folder.mkdir(parents=True)
     config = {"scene": {"name": "hat"}, "seed": seed}
     (folder / "config.json").write_text(json.dumps({"config_hash": HASH, "identity": {}, "config": config}))
-    labels = {"schema": 2, "scene": "hat", "seed": seed, "config_hash": HASH, "protocol": "p", "metrics": {"albedo": {}}}
-    if record:
-        (folder / "metrics.json").write_text(json.dumps({"row": row, **labels, **record}))
-    return folder
+    return write_record(folder, row, seed=seed, **{"config_hash": HASH, **record}) if record else folder
 
 
 def plan(results: Path, *rows: tuple[str, int], jobs: int | None = 2) -> None:

@@ -1,7 +1,5 @@
 """Every shipped configuration composes, and the hash changes with what decides numbers and with nothing else."""
 
-from __future__ import annotations
-
 import dataclasses
 import shlex
 from pathlib import Path

@@ -1,13 +1,11 @@
-"""Pictures of runs: how they are exposed, cut out, and laid out in preview.png."""
-
-from __future__ import annotations
+"""Pictures of runs: how they are exposed, cut out, and laid out below their names."""
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from ia_bench.runs.pictures.drawing import CUT_MARGIN, GREY, Pictures, cut_out, exposure, extent, on_grey
-from ia_bench.runs.pictures.preview import GAP, LINE, WIDTH, labelled, preview
+from ia_bench.runs.pictures.drawing import CUT_MARGIN, GREY, cut_out, exposure, extent, on_grey
+from ia_bench.runs.pictures.preview import GAP, LINE, labelled
 
 
 def test_exposure_shows_all_but_the_brightest_hundredth_of_the_foreground() -> None:
@@ -33,23 +31,6 @@ def test_cut_out_is_the_square_around_the_object_also_at_an_edge(corner: tuple[i
     expected = np.full((side, side, 3), GREY)
     expected[CUT_MARGIN + 1 : -CUT_MARGIN - 1, CUT_MARGIN:-CUT_MARGIN] = 1
     np.testing.assert_array_equal(found, expected)
-
-
-SQUARE, LIGHT = np.full((40, 40, 3), 0.5), np.full((16, 32, 3), 0.5)
-
-
-@pytest.mark.parametrize(
-    ("true", "found", "rows", "columns"),
-    [
-        (("view", "albedo", "roughness", "relit", "light"), ("view", "albedo", "aligned", "roughness", "relit", "light"), 2, 5),
-        (("photograph",), ("view", "albedo", "roughness", "light"), 1, 5),
-        (("photograph",), ("albedo",), 1, 3),  # no light: the place of the render stays empty
-    ],
-)
-def test_truth_is_above_what_was_recovered(true: tuple[str, ...], found: tuple[str, ...], rows: int, columns: int) -> None:
-    sides = [Pictures({name: [LIGHT if name == "light" else SQUARE] for name in names}) for names in (true, found)]
-    side = (WIDTH - GAP) // columns - GAP
-    assert preview("hat", *sides).size == (columns * (side + GAP) + GAP, LINE + GAP + rows * (LINE + side + GAP))
 
 
 def test_pictures_stand_below_their_names() -> None:

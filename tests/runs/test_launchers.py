@@ -4,8 +4,6 @@ Cells are real processes in which tests/cli/fake_run stands for the run. Ray and
 skipped. Slurm's commands are those of fake_slurm beside this file.
 """
 
-from __future__ import annotations
-
 import fcntl
 import importlib.util
 import json

@@ -1,19 +1,17 @@
 """A submission to Stanford-ORB: every pair of its list is two files of one view, in the layout of the dataset's own truth."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from coarse import COARSE
 
 from ia_bench.cli.main import main
 from ia_bench.runs import submissions
 from ia_bench.scenes.exr import read_exr
 
 CAPTURE = "object_scene001"
-SMALL = ["preset=smoke", "threads=1", *(f"protocol.{name}" for name in ("map_points=2", "render_points=2", "samples_per_pixel=8"))]
 
 
 @pytest.fixture
@@ -22,7 +20,7 @@ def run(tmp_path: Path) -> Path:
     assert main(["export", "tiny", str(tmp_path / "data" / "stanfordorb"), "--format", "stanford_orb"]) == 0
     reader = ["reader=stanford_orb", f"scene.path={tmp_path / 'data' / 'stanfordorb'}", f"reader.options.capture={CAPTURE}"]
     out = tmp_path / "runs" / "ours"
-    assert main(["run", *reader, "reader.options.shrink=1", "row=ours", *SMALL, f"out={out}"]) == 0
+    assert main(["run", *reader, "reader.options.shrink=1", "row=ours", "preset=smoke", "threads=1", *COARSE, f"out={out}"]) == 0
     return out
 
 

@@ -1,13 +1,12 @@
 """A run scored again from its folder: the same protocol gives the same scores, and runs of older code are read."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
 
 import pytest
 import torch
+from coarse import COARSE
 
 from ia_bench.cli.rescore import main
 from ia_bench.common.errors import InputError
@@ -18,39 +17,30 @@ from ia_bench.runs.recovered import Rescorer
 from ia_bench.scores.protocol import Protocol
 
 SCORES = ("metrics", "variants", "per_image", "reasons", "counts", "albedo_scales", "protocol", "protocol_description", "renderer")
-SMALL = ["protocol.map_points=2", "protocol.render_points=2", "protocol.samples_per_pixel=8"]
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of the ceiling on tiny."""
-    folder = tmp_path_factory.mktemp("runs") / "ceiling"
-    execute(compose(["scene=tiny", "method=ceiling", "device=cpu", "threads=1", "seed=3", *SMALL, f"out={folder}"]))
-    return folder
 
 
 @pytest.fixture
-def old_run(run: Path, tmp_path: Path) -> Path:
+def old_run(ceiling: Path, tmp_path: Path) -> Path:
     """The same in another folder, to be spoiled."""
-    return shutil.copytree(run, tmp_path / "old" / "ceiling")
+    return shutil.copytree(ceiling, tmp_path / "old" / "ceiling")
 
 
 def small() -> Protocol:
-    return compose(["scene=tiny", *SMALL]).protocol
+    return compose(["scene=tiny", *COARSE]).protocol
 
 
-def test_a_run_on_the_cpu_is_scored_there_where_there_is_a_gpu(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_on_the_cpu_is_scored_there_beside_a_gpu(ceiling: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Renders of a GPU differ in their last bits, and its new configuration says of the run that it is on the CPU."""
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    again = Rescorer(small(), tmp_path).rescore(run)
-    before, after = (json.loads((folder / "metrics.json").read_text()) for folder in (run, again))
+    again = Rescorer(small(), tmp_path).rescore(ceiling)
+    before, after = (json.loads((folder / "metrics.json").read_text()) for folder in (ceiling, again))
     assert after["metrics"] == before["metrics"]
 
 
-def test_the_same_protocol_gives_the_same_scores(run: Path, tmp_path: Path) -> None:
+def test_the_same_protocol_gives_the_same_scores(ceiling: Path, tmp_path: Path) -> None:
     rescorer = Rescorer(small(), tmp_path)
-    again = rescorer.rescore(run)
-    before, after = (json.loads((folder / "metrics.json").read_text()) for folder in (run, again))
+    again = rescorer.rescore(ceiling)
+    before, after = (json.loads((folder / "metrics.json").read_text()) for folder in (ceiling, again))
     assert {key: after[key] for key in SCORES} == {key: before[key] for key in SCORES}
     for key in ("row", "scene", "seed", "time_s", "rays", "network_calls", "environment", "plan", "sees_truth"):
         assert after[key] == before[key]
@@ -60,9 +50,9 @@ def test_the_same_protocol_gives_the_same_scores(run: Path, tmp_path: Path) -> N
     (reported,) = collect([again]).runs.to_dict("records")
     assert (reported["problem"], reported["protocol"]) == (None, after["protocol"])
     for name in ("albedo.exr", "pictures.zip"):
-        assert (again / name).read_bytes() == (run / name).read_bytes()
+        assert (again / name).read_bytes() == (ceiling / name).read_bytes()
     written = (again / "metrics.json").stat().st_mtime_ns
-    assert rescorer.rescore(run) == again
+    assert rescorer.rescore(ceiling) == again
     assert (again / "metrics.json").stat().st_mtime_ns == written  # nothing is scored twice
 
 
@@ -71,7 +61,7 @@ def test_a_run_on_a_hull_is_scored_on_the_mesh_that_is_made_again(tiny_copy: Pat
     """As a phone would give it: few views, eight bits, exposures that nobody knows, no mesh in the folder."""
     (tiny_copy / "mesh.ply").unlink()
     phone = ["capture.views=12", "capture.radiometry=ldr", "capture.exposure=per_image", "capture.geometry=hull"]
-    words = [f"scene.path={tiny_copy}", "preset=smoke", "device=cpu", "threads=1", *SMALL, *phone, "capture.cells=48"]
+    words = [f"scene.path={tiny_copy}", "preset=smoke", "device=cpu", "threads=1", *COARSE, *phone, "capture.cells=48"]
     execute(compose([*words, "capture.triangles=2000", f"out={tmp_path / 'run'}"]))
     again = Rescorer(small(), tmp_path / "again", tiny_copy).rescore(tmp_path / "run")
     found, scored = (json.loads((folder / "metrics.json").read_text()) for folder in (tmp_path / "run", again))
@@ -81,7 +71,7 @@ def test_a_run_on_a_hull_is_scored_on_the_mesh_that_is_made_again(tiny_copy: Pat
     assert found["metrics"]["view_synthesis"]["psnr"] > 13
 
 
-def test_what_cannot_be_scored_is_named(run: Path, old_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_scored_is_named(ceiling: Path, old_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (old_run / "roughness.exr").unlink()
     with pytest.raises(InputError, match="roughness.exr: no such image"):
         Rescorer(small(), tmp_path / "new").rescore(old_run)
@@ -93,16 +83,16 @@ def test_what_cannot_be_scored_is_named(run: Path, old_run: Path, tmp_path: Path
     assert main([str(old_run), "--out", str(tmp_path / "new")]) == 1
     assert "the run was on another scene" in capsys.readouterr().err
     assert main([str(tmp_path / "nothing"), "--out", str(tmp_path / "new")]) == 2
-    shutil.copytree(run, tmp_path / "old" / "new" / "tiny" / "ceiling")
+    shutil.copytree(ceiling, tmp_path / "old" / "new" / "tiny" / "ceiling")
     assert main([str(tmp_path / "old"), "--out", str(tmp_path / "old" / "new")]) == 1
     assert capsys.readouterr().out == "", "what lies in the folder for new runs is not scored again"
     assert main([str(old_run), "--out", str(tmp_path / "new"), "--protocol", "papr"]) == 2
     assert not list((tmp_path / "new").rglob("metrics.json"))
 
 
-def test_a_run_with_a_renderer_of_its_own_is_not_scored_by_another(run: Path, tmp_path: Path) -> None:
+def test_a_run_with_a_renderer_of_its_own_is_not_scored_by_another(ceiling: Path, tmp_path: Path) -> None:
     """Its new scores would stand under its row as if its own renderer had made them."""
-    folder = shutil.copytree(run, tmp_path / "split sums")
+    folder = shutil.copytree(ceiling, tmp_path / "split sums")
     record = json.loads((folder / "metrics.json").read_text())
     assert record["renderer"] == "ia_bench reference"
     record["renderer"] = "split sum; under novel lights ia_bench reference"

@@ -1,9 +1,6 @@
 """What a run says of its scene, and refuses, before its method sees it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +13,6 @@ from ia_bench.priors import inputs
 from ia_bench.priors.diffusion import learned
 from ia_bench.readers.contract import NO_MESH
 from ia_bench.runs.composition import compose
-from ia_bench.runs.execute import execute
 from ia_bench.runs.run import problem_of
 from ia_bench.runs.scene import tell
 from ia_bench.scenes.scene import Scene
@@ -97,9 +93,3 @@ def test_a_mesh_that_was_made_is_not_said_to_be_missing(tiny: Scene, made: bool)
     tell(replace(tiny, notes=(NO_MESH, "another note"), mesh_is_made=made), said.append)
     assert said[0] == ("another note" if made else NO_MESH)
     assert "another note" in said
-
-
-def test_a_run_that_needs_the_mesh_says_what_to_set(tiny_copy: Path, tmp_path: Path) -> None:
-    (tiny_copy / "mesh.ply").unlink()
-    with pytest.raises(InputError, match="capture.geometry=given: expected a mesh.*capture.geometry=hull makes one"):
-        execute(compose([f"scene.path={tiny_copy}", f"out={tmp_path / 'run'}", "threads=1"]))

@@ -1,7 +1,5 @@
 """What a table's file may say, which of its rows are run, and what is wrong with it, told before anything runs."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What methods and priors are given of a scene leads to no truth: everything that can be reached from it is looked at."""
 
-from __future__ import annotations
-
 import types
 from collections.abc import Iterator
 from dataclasses import replace
@@ -50,7 +48,6 @@ def arrays(value: object) -> list[np.ndarray]:
 
 
 def test_the_walk_finds_what_is_hidden(tiny: Scene, tiny_folder: Path) -> None:
-    assert tiny.truth is not None
     light = tiny.truth.lights["train"]
     rows = light[:3]
 
@@ -76,6 +73,5 @@ def test_a_blind_scene_knows_what_is_saturated_and_may_lack_a_mesh(tiny: Scene) 
     valid = np.arange(32 * 32).reshape(32, 32) > 99
     blind = replace(tiny, mesh=None, train=tuple(replace(view, valid=valid) for view in tiny.train)).blind()
     assert blind.mesh is None
-    assert blind.train[0].valid is not None
     np.testing.assert_array_equal(blind.train[0].valid, valid)
     assert not np.shares_memory(blind.train[0].valid, valid)

@@ -1,7 +1,5 @@
 """Linear pictures, OpenEXR and Radiance, and the sRGB transfer function."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures: what decoders refuse, turns, colour profiles."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from pathlib import Path

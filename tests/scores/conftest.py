@@ -1,7 +1,5 @@
 """Small random scenes to score: odd, non-square images with soft-edged discs as coverage."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

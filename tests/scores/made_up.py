@@ -1,7 +1,5 @@
 """A reconstruction without a texture, a mesh or a ray tracer of ours: an analytic ball under one spherical Gaussian."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 

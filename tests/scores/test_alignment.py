@@ -1,7 +1,5 @@
 """Alignments against closed forms, against numpy's least squares, and on what no scale can repair."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

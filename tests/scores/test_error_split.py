@@ -1,7 +1,5 @@
 """Where the albedo's error sits: errors that are made to be of one kind, in pictures of a square 96 pixels wide."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

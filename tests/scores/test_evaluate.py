@@ -3,8 +3,6 @@
 LPIPS needs weights, so these tests replace the network by a closed form; test_perceptual.py tests the real one.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -60,39 +58,15 @@ def test_every_component_against_scikit_image(guess: Predictions, truth: Predict
     assert scores.metrics["roughness"] == {"mse": pytest.approx(np.mean(errors), rel=1e-9)}
 
 
-def test_the_dictionary_has_the_documented_keys_and_is_json(guess: Predictions, truth: Predictions) -> None:
+def test_the_dictionary_is_json_and_says_the_protocol(guess: Predictions, truth: Predictions) -> None:
     stored = json.loads(json.dumps(score(guess, truth, PAPER).as_dict(), allow_nan=False))
-    triple = {"psnr", "ssim", "lpips"}
-    assert {name: set(values) for name, values in stored["metrics"].items()} == {
-        **{name: triple for name in ("albedo", "aligned_albedo", "view_synthesis", "relighting")},
-        "roughness": {"mse"},
-        "light": {"psnr"},
-        "log_light": {"rmse"},
-        "albedo_error": {"total", "level", "low", "high", "unseen"},
-    }
-    assert {name: set(values) for name, values in stored["variants"].items()} == {
-        "albedo_linear": {"psnr"},
-        "aligned_albedo_linear": {"psnr"},
-        "aligned_albedo_per_channel": triple,
-        "aligned_albedo_per_channel_linear": {"psnr"},
-        "aligned_albedo_least_squares": triple,
-        "aligned_albedo_least_squares_linear": {"psnr"},
-        "albedo_whole_image": {"psnr"},
-        "aligned_albedo_whole_image": {"psnr"},
-        "view_synthesis_whole_image": {"psnr"},
-        "relighting_whole_image": {"psnr"},
-    }
     assert stored["protocol"] == "paper-v3 (lpips.net=squeeze)"
     assert stored["protocol_description"]["alignment"] == "mean_rgb"
-    lacking = ("light.", "log_light.", "albedo_error.")  # the made-up truth has no light and no mesh
-    assert all(key.startswith(lacking) for key in stored["reasons"])
     assert [len(stored["per_image"]["relighting"][light]["ssim"]) for light in ("night", "studio")] == [3, 3]
     assert np.mean(stored["per_image"]["albedo"]["ssim"]) == pytest.approx(stored["metrics"]["albedo"]["ssim"])
 
 
 # ---- metamorphic relations ----
-
-
 def test_what_is_outside_the_mask_changes_nothing(guess: Predictions, truth: Predictions) -> None:
     def littered(images: Images) -> Images:
         outside = [c <= 0.5 for c in images.coverage]
@@ -115,8 +89,6 @@ def test_what_is_outside_the_mask_changes_nothing(guess: Predictions, truth: Pre
 
 
 # ---- the quick score of curves ----
-
-
 def test_the_quick_score_is_the_full_one_without_ssim_and_lpips(guess: Predictions, truth: Predictions) -> None:
     full, quick = score(guess, truth, PAPER).metrics, score_quick(guess, truth, PAPER)
     assert list(quick) == ["albedo_psnr", "aligned_albedo_psnr", "view_synthesis_psnr", "relighting_psnr", "roughness_mse"]

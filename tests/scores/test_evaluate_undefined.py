@@ -3,8 +3,6 @@
 LPIPS needs weights, so these tests replace the network by a closed form; test_perceptual.py tests the real one.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable
@@ -112,8 +110,6 @@ def test_a_truth_that_does_not_fit_is_an_error(
 
 
 def test_saturated_pixels_of_photographs_are_left_out(guess: Predictions, truth: Predictions) -> None:
-    assert truth.view_synthesis is not None
-    assert guess.view_synthesis is not None
     images, coverage = truth.view_synthesis.images, truth.view_synthesis.coverage
     saturated = np.zeros(coverage[0].shape, bool)
     saturated[15:20, 15:30] = True

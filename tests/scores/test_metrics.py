@@ -1,7 +1,5 @@
 """PSNR, SSIM and squared error against scikit-image and closed forms; the mask, tiny and identical images."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from skimage.draw import disk

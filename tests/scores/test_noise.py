@@ -1,7 +1,5 @@
 """Two halves of a render's samples tell how noisy it is: PSNR and SSIM are then those of a picture without noise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

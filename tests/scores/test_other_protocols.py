@@ -3,8 +3,6 @@
 The object is a square of 20 x 20 pixels in an image of 40 x 40, with a dark part and a bright part of one value each.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

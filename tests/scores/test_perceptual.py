@@ -1,7 +1,5 @@
 """LPIPS against a direct call of the network, and whatever may be missing: weights, package, internet, operators."""
 
-from __future__ import annotations
-
 import urllib.error
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The protocol object: configuration in, description out, and a label that changes with whatever decides a number."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

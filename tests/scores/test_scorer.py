@@ -1,9 +1,6 @@
 """The renders that are scored, on the smallest shipped scene."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -22,24 +19,13 @@ from ia_bench.scores import scorer as scorer_module
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
 
-pytestmark = pytest.mark.usefixtures("mean_square_as_lpips")
+pytestmark = pytest.mark.usefixtures("mean_square_as_lpips", "own_cache")
 
 CPU = torch.device("cpu")
 BALL = Ball()
 
 
-@pytest.fixture(scope="module", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Where the ball's indirect light is baked, once for all tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("IA_BENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
-        patch.setattr("ia_bench.render.reconstruction.REFERENCE_ATLAS", 32)
-        yield
-
-
 # ---- a reconstruction that has no texture ----
-
-
 SMALL = Protocol(name="small", map_points=3, render_points=3, samples_per_pixel=18, noise="kept")
 VIEWPOINTS = ((2.0, 1.0, 1.5), (-2.0, 1.0, 0.5), (0.0, -2.5, 0.5), (1.0, 2.0, -1.0))
 

@@ -1,10 +1,6 @@
 """Procedural scenes that are fitted: their light, their textures and their photographs are those that were drawn."""
 
-from __future__ import annotations
-
-import ast
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +10,6 @@ from torch import Tensor
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.material.textures import fetch
 from ia_bench.render.stage import Stage
-from ia_bench_training import fits
 from ia_bench_training.fits.scene import LIGHT_ROWS, PHOTOGRAPHS, ProceduralScene, _mesh, bake, draw_scene, light_map
 from ia_bench_training.lights import Light
 from ia_bench_training.objects import make_object
@@ -87,16 +82,3 @@ def test_photographs_show_the_object(drawn: ProceduralScene) -> None:
 
 def _image(values: Tensor) -> np.ndarray:
     return np.asarray(values.numpy() > 0)
-
-
-def test_fits_know_nothing_of_the_benchmark() -> None:
-    """What makes the refiner's training data reads no scene, no file and no score; it writes what it made."""
-    room = Path(fits.__file__).parent
-    modules = {path.stem for path in room.glob("*.py")} - {"__init__"}
-    assert modules == {"data", "make", "scene"}
-    for module in sorted(modules):
-        tree = ast.parse((room / f"{module}.py").read_text(encoding="utf-8"))
-        imported = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-        assert not [name for name in imported if name.split(".")[1:2] and name.split(".")[1] in ("readers", "runs", "scores")]
-        called = {node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
-        assert not called & {"open", "scenes_folders", "read_yaml", "read_json"}

@@ -1,7 +1,5 @@
 """The refiner learns what is wrong with fits, resumes to the same weights, and its commands run."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Steps depend on their number alone, a state that cannot be used is refused, and validations end where the state does."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -48,7 +46,6 @@ def test_a_state_comes_back_to_the_run_that_left_it(tmp_path: Path) -> None:
     assert load_state(folder, "mine") is None
     save_state(folder, "mine", {"weight": torch.arange(3.0)})
     state = load_state(folder, "mine")
-    assert state is not None
     assert state["weight"].tolist() == [0, 1, 2]
     with pytest.raises(InputError, match=r"state\.pt: belongs to a run with other settings"):
         load_state(folder, "another's")
@@ -100,7 +97,6 @@ def test_muon_moves_all_directions_of_a_hidden_weight_alike() -> None:
     before = {name: weight.detach().clone() for name, weight in network.named_parameters()}
     give_gradients(network, 1)
     gradient = network.hidden.weight.grad
-    assert gradient is not None
     optimiser(network, rate=1e-3, muon_rate=0.02).step(0.5)
     for name, shape in (("hidden.weight", (24, 144)), ("linear.weight", (48, 32))):
         change = (before[name] - dict(network.named_parameters())[name].detach()).reshape(shape)

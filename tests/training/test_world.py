@@ -1,7 +1,5 @@
 """Worlds: what their images have to be, and that nothing on which results are measured gets into one."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

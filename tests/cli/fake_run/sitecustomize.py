@@ -4,8 +4,6 @@ Python imports a module of this name at start-up: a test puts this folder on PYT
 In its own process it executes this file. Either way nothing happens unless FAKE_LOG is set.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

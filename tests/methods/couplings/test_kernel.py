@@ -1,7 +1,5 @@
 """The similarity kernel: which pairs count and how much, against a loop; and what it must not see: the scale of a view."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -13,20 +11,9 @@ from torch import Tensor
 from ia_bench.material.textures import fetch
 from ia_bench.methods.contract import PixelSamples, Problem, StepRender
 from ia_bench.methods.couplings.kernel import LOG_FLOOR, PAIRS, Kernel
-from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb
 
 SIZE = 32 * 32
-
-
-@pytest.fixture(scope="module")
-def texture() -> Tensor:
-    return 0.2 + 0.6 * torch.rand(64, 64, 3, generator=torch.Generator().manual_seed(0))
-
-
-@pytest.fixture(scope="module")
-def seen(problem: Problem, texture: Tensor) -> Tensor:
-    return problem.pixels_of(texture_images(problem.renderer.surface, problem.gbuffer, texture))
 
 
 def kernel(problem: Problem, prediction: Tensor, weight: Tensor | None = None, **options: float) -> Kernel:

@@ -1,8 +1,6 @@
 """How the prior is asked, what is kept of its answers between runs, and what they say of each pixel."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,6 +52,10 @@ class Reader(Spy):
         return Samples(dict(renders))
 
 
+def kept_reader() -> Reader:
+    return Reader("reader")
+
+
 def sampler(problem: Problem, prior: object, seed: int = 7, notes: list[str] | None = None, **parts: object) -> PriorSampler:
     return PriorSampler(altered(problem, **parts), prior, seed, [].append if notes is None else notes.append)  # type: ignore[arg-type]
 
@@ -65,8 +67,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 # ---- what it is asked -----------------------------------------------------------------------------------------------
-
-
 def test_prior_is_shown_the_training_images_alone(problem: Problem) -> None:
     spy = Spy()
     samples = sampler(problem, spy).draw(None)
@@ -112,8 +112,6 @@ def test_an_albedo_outside_of_the_masks_is_told() -> None:
 
 
 # ---- some of the views ----------------------------------------------------------------------------------------------
-
-
 def test_restricted_gbuffer_sees_the_same(problem: Problem) -> None:
     texture = torch.rand(64, 64, 3, generator=torch.Generator().manual_seed(0))
     whole = texture_images(problem.renderer.surface, problem.gbuffer, texture)
@@ -140,10 +138,9 @@ def test_geometry_is_that_of_the_views_asked_about(problem: Problem) -> None:
 
 
 # ---- what is kept ---------------------------------------------------------------------------------------------------
-
-
-def test_samples_are_kept_with_what_they_cost(problem: Problem, cache: Path) -> None:
-    first, second = sampler(problem, kept()), sampler(problem, again := kept())
+@pytest.mark.parametrize("usual", [kept, kept_reader])
+def test_samples_are_kept_with_what_they_cost(problem: Problem, cache: Path, usual: Callable[[], Spy]) -> None:
+    first, second = sampler(problem, usual()), sampler(problem, again := usual())
     drawn, found = first.draw(None), second.draw(None)
     assert again.asked == []
     for part in ("values", "ceilings"):
@@ -158,42 +155,31 @@ def test_samples_are_kept_with_what_they_cost(problem: Problem, cache: Path) -> 
     assert len(list(cache.iterdir())) == 1  # nothing half-written is left
 
 
-@pytest.mark.parametrize("change", ["fingerprint", "seed", "views", "guided", "image", "off", "no fingerprint", "truth"])
+CHANGES = ["fingerprint", "seed", "views", "guided", "image", "off", "no fingerprint", "truth", "shadows", "threads"]
+
+
+@pytest.mark.parametrize("change", CHANGES)
 def test_samples_of_anything_else_are_drawn(problem: Problem, change: str) -> None:
-    sampler(problem, kept()).draw(None)
-    prior = kept(2) if change == "fingerprint" else Spy() if change == "no fingerprint" else kept()
+    """The last bits of a sample depend on the number of threads, and the same configuration must give the same numbers."""
+    usual, threads = kept_reader if change == "shadows" else kept, torch.get_num_threads()
+    sampler(problem, usual()).draw(None)
+    prior = kept(2) if change == "fingerprint" else Spy() if change == "no fingerprint" else usual()
     prior.info = replace(prior.info, sees_truth=change == "truth")
     settings: dict[str, object] = {"views": {"prior_views": 5}, "off": {"keep_samples": False}}.get(change, {})
     if change == "image":
         views = problem.scene.train
         brighter = replace(views[3], image=views[3].image * np.float32(1.001))
         problem = altered(problem, scene=replace(problem.scene, train=(*views[:3], brighter, *views[4:])))
+    if change == "shadows":
+        problem = altered(problem, renderer=Renderer(problem.renderer.surface, NoShadows()))
     asking = sampler(problem, prior, 8 if change == "seed" else 7, **settings)
-    asking.draw({"albedo": torch.zeros(16, 32, 32, 3)} if change == "guided" else None)
-    assert len(prior.asked) == 1
-    assert (asking.counters["network_calls"], asking.counters["prior_cached"]) == (3, 0)
-
-
-def test_geometry_decides_too(problem: Problem) -> None:
-    asking = [sampler(problem, Reader("reader")) for _ in range(2)]
-    convex = Renderer(problem.renderer.surface, NoShadows())
-    asking.append(sampler(altered(problem, renderer=convex), Reader("reader")))
-    for one in asking:
-        one.draw(None)
-    assert [one.counters["prior_cached"] for one in asking] == [0, 1, 0]
-
-
-def test_another_number_of_threads_is_another_draw(problem: Problem) -> None:
-    """The last bits of a sample depend on it, and the same configuration must give the same numbers."""
-    threads = torch.get_num_threads()
-    sampler(problem, kept()).draw(None)
     try:
-        torch.set_num_threads(threads + 1)
-        other = sampler(problem, kept())
-        other.draw(None)
+        torch.set_num_threads(threads + (change == "threads"))
+        asking.draw({"albedo": torch.zeros(16, 32, 32, 3)} if change == "guided" else None)
     finally:
         torch.set_num_threads(threads)
-    assert other.counters["prior_cached"] == 0
+    assert len(prior.asked) == 1
+    assert (asking.counters["network_calls"], asking.counters["prior_cached"]) == (3, 0)
 
 
 ALL = tuple(range(16))

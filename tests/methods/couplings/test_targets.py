@@ -1,7 +1,5 @@
 """What reaches the losses of targets and distilled estimates: the right pixels, aligned when due, in the prior's encoding."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +12,6 @@ from ia_bench.methods.contract import Coupling, PixelSamples, Problem, StepRende
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.couplings.targets import ALIGNMENT_PERIOD, Distilled, Targets, align_views
 from ia_bench.priors.contract import PriorInfo
-from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb
 
 VIEWS = 4
@@ -26,16 +23,6 @@ class Encoded:
 
     def __init__(self, albedo: str = "srgb") -> None:
         self.info = PriorInfo(BOTH, encoding={"albedo": albedo, "specular": "srgb"})
-
-
-@pytest.fixture(scope="module")
-def texture() -> Tensor:
-    return 0.2 + 0.6 * torch.rand(64, 64, 3, generator=torch.Generator().manual_seed(0))
-
-
-def seen(problem: Problem, texture: Tensor) -> Tensor:
-    """The texture's albedo in every training pixel, through the renderer's own pictures: (P, 3)."""
-    return problem.pixels_of(texture_images(problem.renderer.surface, problem.gbuffer, texture))
 
 
 def even(**values: Tensor) -> PixelSamples:
@@ -57,39 +44,37 @@ def losses(coupling: Coupling, shown: Tensor, pixels: Tensor, texture: Tensor | 
     return {name: float(value) for name, value in found.items()}
 
 
-def test_alignment_is_found_from_the_texture(problem: Problem, texture: Tensor) -> None:
+def test_alignment_is_found_from_the_texture(problem: Problem, texture: Tensor, seen: Tensor) -> None:
     """The estimate must see the same pixels as the renderer: half the albedo as target gives the scale 1/2 exactly."""
-    pixels = seen(problem, texture)
-    every = torch.arange(len(pixels))
+    every = torch.arange(len(seen))
     for mode in ("scale", "scale_shift"):
-        targets = prepared(Targets(ssi=mode), problem, even(albedo=0.5 * pixels), texture)  # type: ignore[arg-type]
+        targets = prepared(Targets(ssi=mode), problem, even(albedo=0.5 * seen), texture)  # type: ignore[arg-type]
         state = targets.state()
         torch.testing.assert_close(state["scale"], torch.full((16,), 0.5), rtol=1e-4, atol=0)
         torch.testing.assert_close(state["shift"], torch.zeros(16), rtol=0, atol=1e-5)
-        assert losses(targets, pixels, every)["albedo"] < 1e-4
-        assert losses(targets, pixels * torch.tensor([1.2, 1.0, 0.8]), every)["albedo"] > 0.01
+        assert losses(targets, seen, every)["albedo"] < 1e-4
+        assert losses(targets, seen * torch.tensor([1.2, 1.0, 0.8]), every)["albedo"] > 0.01
 
 
 @pytest.mark.parametrize("encoding", ["linear", "srgb"])
-def test_loss_is_the_weighted_mean_difference_in_the_priors_encoding(problem: Problem, texture: Tensor, encoding: str) -> None:
-    pixels, chosen = seen(problem, texture), torch.tensor([3, 50, 700])
-    target, weight = pixels.flip(0), torch.rand(len(pixels), 1, generator=torch.Generator().manual_seed(1))
+def test_loss_is_the_weighted_mean_in_the_priors_encoding(problem: Problem, texture: Tensor, seen: Tensor, encoding: str) -> None:
+    chosen = torch.tensor([3, 50, 700])
+    target, weight = seen.flip(0), torch.rand(len(seen), 1, generator=torch.Generator().manual_seed(1))
     told = altered(problem, prior=Encoded(encoding))
     targets = prepared(Targets(ssi="none"), told, PixelSamples({"albedo": target}, weight), texture)
     encode = linear_to_srgb if encoding == "srgb" else np.asarray
-    differences = np.abs(encode(pixels[chosen].double().numpy()) - encode(target[chosen].double().numpy()))
+    differences = np.abs(encode(seen[chosen].double().numpy()) - encode(target[chosen].double().numpy()))
     expected = (weight[chosen].double().numpy() * differences).mean()
-    assert losses(targets, pixels[chosen], chosen)["albedo"] == pytest.approx(expected, rel=1e-4)
+    assert losses(targets, seen[chosen], chosen)["albedo"] == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize("kind", [Targets, Kernel, Distilled])
-def test_one_weight_a_component(problem: Problem, texture: Tensor, kind: type) -> None:
+def test_one_weight_a_component(problem: Problem, texture: Tensor, seen: Tensor, kind: type) -> None:
     """A loss is in proportion to it; one without is not there, and not asked for."""
-    pixels = seen(problem, texture)
-    samples, every = even(albedo=pixels.flip(0), specular=pixels.flip(0)), torch.arange(len(pixels))
+    samples, every = even(albedo=seen.flip(0), specular=seen.flip(0)), torch.arange(len(seen))
 
     def found(**weights: float) -> dict[str, float]:
-        return losses(prepared(kind(**weights), problem, samples, texture), pixels, every, texture)
+        return losses(prepared(kind(**weights), problem, samples, texture), seen, every, texture)
 
     one, other = found(albedo=1.0, specular=1.0), found(albedo=0.5, specular=0.1)
     assert min(one.values()) > 0
@@ -98,29 +83,26 @@ def test_one_weight_a_component(problem: Problem, texture: Tensor, kind: type) -
     assert kind(albedo=0.0, specular=1.0).uses(BOTH) == {"specular"}
 
 
-def test_distilled_loss_is_half_the_square_and_needs_no_alignment(problem: Problem, texture: Tensor) -> None:
-    pixels = seen(problem, texture)
-    distilled = prepared(Distilled(), problem, even(albedo=0.5 * pixels, specular=0.25 * pixels), texture)
+def test_distilled_loss_is_half_the_square_and_needs_no_alignment(problem: Problem, texture: Tensor, seen: Tensor) -> None:
+    distilled = prepared(Distilled(), problem, even(albedo=0.5 * seen, specular=0.25 * seen), texture)
     assert distilled.state() == {}
-    exact, found = pixels.double().numpy(), losses(distilled, pixels, torch.arange(len(pixels)))
+    exact, found = seen.double().numpy(), losses(distilled, seen, torch.arange(len(seen)))
     for name, factor in (("albedo", 0.5), ("specular", 0.25)):
         expected = 0.5 * ((linear_to_srgb(exact) - linear_to_srgb(factor * exact)) ** 2).mean()
         assert found[name] == pytest.approx(expected, rel=1e-4)
 
 
-def test_a_distilled_loss_is_the_same_in_any_unit_of_radiance(problem: Problem, texture: Tensor) -> None:
-    pixels = seen(problem, texture)
+def test_a_distilled_loss_is_the_same_in_any_unit_of_radiance(problem: Problem, seen: Tensor) -> None:
     found = {}
     for unit in (1.0, 1e-3):
-        photographs = replace(problem.photographs, unit=unit)
-        other = altered(problem, prior=Encoded(), photographs=photographs)
-        distilled = prepared(Distilled(albedo=0.0), other, even(specular=0.25 * pixels / unit))
-        found[unit] = losses(distilled, pixels / unit, torch.arange(len(pixels)))["specular"]
+        other = altered(problem, prior=Encoded(), photographs=replace(problem.photographs, unit=unit))
+        distilled = prepared(Distilled(albedo=0.0), other, even(specular=0.25 * seen / unit))
+        found[unit] = losses(distilled, seen / unit, torch.arange(len(seen)))["specular"]
     assert found[1e-3] == pytest.approx(found[1.0], rel=1e-4)
 
 
-def test_alignment_is_estimated_when_due(problem: Problem, texture: Tensor) -> None:
-    samples = even(albedo=seen(problem, texture))
+def test_alignment_is_estimated_when_due(problem: Problem, texture: Tensor, seen: Tensor) -> None:
+    samples = even(albedo=seen)
     targets, scales = prepared(Targets(), problem, samples), []
     for step in range(2 * ALIGNMENT_PERIOD + 1):
         targets.update(texture * (1 - 0.01 * step), step)
@@ -135,16 +117,13 @@ def test_alignment_is_estimated_when_due(problem: Problem, texture: Tensor) -> N
     assert resumed.state() == {}
 
 
-def test_views_that_were_not_asked_have_no_say(problem: Problem, texture: Tensor) -> None:
-    pixels = seen(problem, texture)
+def test_views_that_were_not_asked_have_no_say(problem: Problem, texture: Tensor, seen: Tensor) -> None:
     asked = problem.gbuffer.pixel < 4 * problem.gbuffer.shape[1] * problem.gbuffer.shape[2]
-    samples = PixelSamples(
-        {"albedo": torch.where(asked[:, None], 0.5 * pixels, 0.0)}, asked.float()[:, None] / asked.float().mean()
-    )
+    samples = PixelSamples({"albedo": torch.where(asked[:, None], 0.5 * seen, 0.0)}, asked.float()[:, None] / asked.float().mean())
     others = torch.nonzero(~asked)[:, 0]
     for kind in (Targets, Kernel):
-        assert losses(prepared(kind(), problem, samples, texture), pixels[others], others, texture)["albedo"] == 0
-    assert losses(prepared(Targets(), problem, samples, texture), pixels, torch.arange(len(pixels)))["albedo"] < 1e-4
+        assert losses(prepared(kind(), problem, samples, texture), seen[others], others, texture)["albedo"] == 0
+    assert losses(prepared(Targets(), problem, samples, texture), seen, torch.arange(len(seen)))["albedo"] < 1e-4
 
 
 @pytest.mark.parametrize("kind", [Targets, Kernel])
@@ -162,8 +141,6 @@ def test_a_target_at_its_ceiling_asks_only_for_at_least_as_much(problem: Problem
 
 
 # ---- SSI -------------------------------------------------------------------------------------------------------------
-
-
 def pixels(count: int = 500, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
     """Random predictions and targets (P, 3) in views (P,); the views have different numbers of pixels."""
     generator = torch.Generator().manual_seed(seed)
@@ -185,9 +162,11 @@ def reference(prediction: Tensor, target: Tensor, view: Tensor, mode: str) -> tu
     return np.array(scales), np.array(shifts)
 
 
+@pytest.mark.parametrize("factor", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("mode", ["scale_shift", "scale"])
-def test_alignment_equals_the_reference(mode: str) -> None:
+def test_alignment_equals_the_reference(mode: str, factor: float) -> None:
     prediction, target, view = pixels()
+    prediction = factor * prediction
     alignment = align_views(prediction, target, view, VIEWS, mode)
     scale, shift = reference(prediction, target, view, mode)
     np.testing.assert_allclose(alignment.scale, scale, rtol=1e-5)
@@ -201,7 +180,7 @@ def test_alignment_equals_the_reference(mode: str) -> None:
 
 
 @pytest.mark.parametrize("mode", ["scale_shift", "scale", "none"])
-@pytest.mark.parametrize(("prediction", "target"), [(0.3, 0.6), (0.0, 0.6), (0.3, 0.0), (0.0, 0.0)])
+@pytest.mark.parametrize(("prediction", "target"), [(0.3, 0.6), (0.0, 0.6), (0.3, 0.0), (0.0, 0.0), (-0.3, 0.6)])
 def test_constant_images_are_safe(mode: str, prediction: float, target: float) -> None:
     view = torch.tensor([0, 0, 0, 2, 2])  # views 1 and 3 have no pixels
     p, t = torch.full((5, 3), prediction), torch.full((5, 3), target)
@@ -209,6 +188,7 @@ def test_constant_images_are_safe(mode: str, prediction: float, target: float) -
     assert bool(torch.isfinite(alignment.scale).all() & torch.isfinite(alignment.shift).all())
     assert alignment.scale[[1, 3]].tolist() == [1, 1]
     assert alignment.shift[[1, 3]].tolist() == [0, 0]
+    assert mode != "scale" or prediction > 0 or alignment.scale[0] == 1
     if mode == "scale_shift":
         assert alignment.scale.tolist() == [1, 1, 1, 1]
         torch.testing.assert_close(alignment(p, view, torch.ones(5, 1)), t)

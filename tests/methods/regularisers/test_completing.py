@@ -1,7 +1,5 @@
 """What photographs hardly show follows what is around it, or what is as high and as far from the axis; the rest stays."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

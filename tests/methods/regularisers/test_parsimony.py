@@ -1,7 +1,5 @@
 """Places of a fit that resemble each other agree more after the step of parsimony, and nothing else changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

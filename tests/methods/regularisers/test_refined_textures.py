@@ -1,7 +1,5 @@
 """What a prior corrects in the views of a finished fit reaches its texture, and nothing else of it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

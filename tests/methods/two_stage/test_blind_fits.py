@@ -1,63 +1,25 @@
-"""The two-stage trainer sees no truth, and its records say what it took."""
-
-from __future__ import annotations
+"""A run hands its method no truth, and records of the two-stage trainer say what it took."""
 
 import io
-import types
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-import torch
-from small_fit import SETTINGS, Record, altered, fit, make_problem, oracle, same
+from small_fit import SETTINGS, Record, altered, fit
 
 from ia_bench.common.errors import Fault
 from ia_bench.common.progress import Progress
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.info import MethodInfo
-from ia_bench.methods.plan import make_plan
 from ia_bench.methods.truth_seers import Ceiling
 from ia_bench.priors.contract import NoPrior
 from ia_bench.render import renderer as renderer_module
-from ia_bench.render.settings import RenderSettings
-from ia_bench.render.stage import Stage
 from ia_bench.runs import interruption
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import identity, labels
 from ia_bench.runs.run import run
-from ia_bench.scenes.scene import Scene
-
-
-def trap(allowed: dict[str, Any], what: str) -> types.SimpleNamespace:
-    """An object with these attributes alone; reading any other one fails the test."""
-
-    class Trap(types.SimpleNamespace):
-        def __getattr__(self, name: str) -> Any:
-            raise AssertionError(f"training read {what}.{name}")
-
-    return Trap(**allowed)
-
-
-def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Record) -> None:
-    views = tuple(
-        trap({name: getattr(view, name) for name in ("name", "camera", "image", "mask", "valid", "light")}, "view")
-        for view in scene.train
-    )
-    told = {"name": scene.name, "source": scene.source, "mesh": scene.mesh, "notes": (), "metallic": scene.metallic}
-    told |= {"exposures_differ": False, "expect_mesh": scene.expect_mesh, "turning": None}
-    blind = trap({**told, "train": views}, "scene")
-    with pytest.raises(AssertionError, match="training read view.albedo"):
-        _ = views[0].albedo
-    with pytest.raises(AssertionError, match="training read scene.truth"):
-        _ = blind.truth
-    trapped = make_problem(blind)  # type: ignore[arg-type]
-    plan = make_plan(blind, Stage(scene.mesh, torch.device("cpu")), RenderSettings())  # type: ignore[arg-type]
-    assert plan.decisions
-    found = fit(trapped, oracle(scene, noise=0.1), SETTINGS, record)
-    expected = fit(make_problem(scene.blind()), oracle(scene, noise=0.1), SETTINGS, Record())
-    assert same(found, expected)
 
 
 class Reached(Fault):

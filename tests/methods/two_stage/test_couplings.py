@@ -1,7 +1,5 @@
 """The prior in whole fits: asked as the paper says, coupled as the run says, and resumed to the same bits."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -78,8 +76,6 @@ def questions(prior: Noisy) -> list[tuple[str, int]]:
 
 
 # ---- it resumes ------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module", params=CASES)
 def uninterrupted(request: pytest.FixtureRequest, problem: Problem, scene: Scene) -> tuple[Found, Record, Problem, FitSettings]:
     """A whole fit that has kept its state after every step."""
@@ -101,8 +97,6 @@ def test_resumed_fit_ends_with_the_same_bits(
 
 
 # ---- the prior is asked as the paper says ----------------------------------------------------------------------------
-
-
 def test_stage_two_is_guided_by_renders(problem: Problem, scene: Scene) -> None:
     """The albedo that guides is the texture of that moment, seen from the training cameras."""
     constant = replace(SETTINGS.rates, final=1.0)  # nothing of stage 1 may depend on the length of the whole
@@ -144,18 +138,6 @@ def test_what_has_no_weight_guides_nothing_and_is_not_asked(
     assert set(prior.guidance) == (guided or set())
 
 
-@pytest.mark.parametrize("kind", [Targets, Kernel, Distilled])
-@pytest.mark.parametrize("name", ["albedo", "specular"])
-def test_components_can_be_switched_off(problem: Problem, scene: Scene, kind: type, name: str) -> None:
-    """Without a component's weight its sample has no influence; the ablation rows of the table rest on this."""
-    settings = replace(SETTINGS, guided=False)
-    views = tuple(replace(view, **{name: 0.1 * getattr(view, name)[::-1].copy()}) for view in scene.train)
-    for weight in (0.0, 1.0):
-        changed = coupled(problem, kind(**{"albedo": 1.0, "specular": 1.0, name: weight}))
-        exact = fit(changed, noisy(scene)[1], settings, Record())
-        assert same(exact, fit(changed, ToldPrior(Noisy(), lambda: views), settings, Record())) == (not weight)
-
-
 def test_distillation_follows_its_period(problem: Problem, scene: Scene) -> None:
     prior, told = noisy(scene)
     found = fit(coupled(problem, DISTILLED, prior_views=4), told, SETTINGS, Record())
@@ -166,8 +148,6 @@ def test_distillation_follows_its_period(problem: Problem, scene: Scene) -> None
 
 
 # ---- it helps --------------------------------------------------------------------------------------------------------
-
-
 class Gaussian:
     """A distribution of albedo N(mean, 1) around a texture's picture, as a distiller sees it: noised and denoised."""
 

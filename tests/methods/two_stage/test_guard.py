@@ -4,14 +4,9 @@ A renderer that misbehaves in chosen steps stands in for whatever may go wrong i
 light, so call number n + 1 belongs to step n.
 """
 
-from __future__ import annotations
-
-import itertools
-import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,12 +14,10 @@ import torch
 from small_fit import Found, Record, altered, fit
 from torch import Tensor
 
-import ia_bench.cli.run as command
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
 from ia_bench.priors.contract import NoPrior
 from ia_bench.render.renderer import PixelRadiance, Renderer
-from ia_bench.runs.folder import unpack
 
 SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=64)
 ENTRY = 5  # of the batch, the one that is spoiled
@@ -91,28 +84,3 @@ def test_a_light_that_overflows_is_taken_back(problem: Problem, record: Record) 
         fit(problem, NoPrior(), settings, record)
     state = record.monitor(record.states[9]).load()
     assert bool(torch.isfinite(torch.exp(state["parts"]["parameters"]["log_light"])).all())
-
-
-def test_the_command_says_it_in_one_line_and_records_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """From the command line: exit status 1, metrics.json of a failed run with the reason, the checkpoint kept."""
-    render, calls = Renderer.render_pixels, itertools.count()
-
-    def bad(self: Any, *arguments: Any) -> PixelRadiance:
-        rendered = render(self, *arguments)
-        return spoil_value(math.nan)(rendered) if next(calls) > 1 else rendered  # from the second step on
-
-    monkeypatch.setattr(Renderer, "render_pixels", bad)
-    out = tmp_path / "run"
-    monkeypatch.setattr("sys.argv", ["ia_bench"])
-    assert command.main(["scene=tiny", "preset=smoke", "threads=1", "device=cpu", f"out={out}"]) == 1
-    said = capsys.readouterr().err
-    assert "Traceback" not in said
-    assert said.strip().splitlines()[-1].startswith("ia_bench: step 10: the rendered radiance is NaN or Inf in 1 of 1536 values")
-    metrics = json.loads((out / "metrics.json").read_text())
-    assert metrics["status"] == "failed"
-    assert metrics["error"].startswith("FloatingPointError: step 10: the rendered radiance")
-    saved = unpack(out / "checkpoint.pt", metrics["config_hash"])["method"]
-    assert (saved["counters"]["skipped_steps"], saved["in_a_row"]) == (9, 9)
-    assert all(bool(torch.isfinite(parameter).all()) for parameter in saved["parts"]["parameters"].values())

@@ -1,7 +1,5 @@
 """With everything else true the albedo that is solved for is the true one; wrong highlights and unknown pixels do not pull."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The steps beside those of single texels: at coarser scales, along the scale ambiguity; and exposures."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -170,7 +168,6 @@ def test_exposures_that_the_images_tell(problem: Problem, channels: int) -> None
     """The same light photographed at 1/2 to 2 of it; factors are told up to their mean, and a step that is skipped moves none."""
     scene = replace(problem.scene, exposures_differ=True, white_balances_differ=channels == 3)
     parameters = Parameters(altered(problem, scene=scene), SETTINGS)
-    assert parameters.exposures is not None
     views = len(parameters.exposures)
     parameters.exposures.sum().backward()
     parameters.clear()  # as the next step begins

@@ -1,7 +1,5 @@
 """The two-stage trainer on scene tiny, small: it starts where it should, recovers, repeats, and says what goes wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -21,9 +19,8 @@ from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import NoPrior
 from ia_bench.scenes.scene import Scene
 
+
 # ---- it recovers -----------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def long_fits(problem: Problem, scene: Scene) -> dict[str, Found]:
     """The exact oracle and no prior, long enough to tell them apart."""
@@ -41,19 +38,6 @@ def test_exact_oracle_recovers_the_albedo(problem: Problem, scene: Scene, long_f
     assert errors["oracle"] < 0.5 * errors["none"]
 
 
-def test_result_is_valid(long_fits: dict[str, Found]) -> None:
-    for one in long_fits.values():
-        assert one.material.albedo.shape == (64, 64, 3)
-        assert one.material.roughness.shape == (64, 64, 1)
-        assert one.light.shape == (16, 32, 3)
-        assert 0 <= one.material.albedo.min() <= one.material.albedo.max() <= 1
-        assert 0 < one.material.roughness.min() <= one.material.roughness.max() <= 1
-        assert bool(torch.isfinite(one.light).all() & (one.light > 0).all())
-        assert not one.material.albedo.requires_grad
-        assert set(one.seconds) == {"prior", "stage1", "stage2"}
-        assert min(one.seconds.values()) >= 0
-
-
 def test_light_is_found_with_the_exact_oracle(scene: Scene, long_fits: dict[str, Found]) -> None:
     """Correlation with the true light in log radiance: what reflects from the object has to be where it was."""
     light = LatLongEnvironment(torch.from_numpy(scene.truth.lights["train"])).latlong(16)
@@ -69,8 +53,6 @@ def test_l1_recovers_too(problem: Problem, scene: Scene, record: Record) -> None
 
 
 # ---- it repeats and resumes ------------------------------------------------------------------------------------------
-
-
 def test_same_seed_same_numbers(problem: Problem, scene: Scene) -> None:
     results = []
     for seed in (0, 0, 1):
@@ -81,8 +63,6 @@ def test_same_seed_same_numbers(problem: Problem, scene: Scene) -> None:
 
 
 # ---- what goes wrong is said -----------------------------------------------------------------------------------------
-
-
 def test_a_prior_that_was_asked_about_views_without_the_mesh_leaves_the_start_to_the_images(problem: Problem) -> None:
     parameters = Parameters(problem, SETTINGS)
     start_albedo(parameters, problem, 0.5, None)
@@ -168,7 +148,6 @@ def test_a_run_that_goes_on_decides_no_other_way(half_metal: tuple[Problem, Mate
     notes: list[str] = []
     whole = fit(undecided(half_metal[0], notes), NoPrior(), SETTINGS, every_step := Record(every=0))
     again = fit(undecided(half_metal[0], notes), NoPrior(), SETTINGS, record, resume=every_step.states[12])
-    assert whole.material.metallic is not None
     assert same(whole, again)
     assert torch.equal(whole.material.metallic, again.material.metallic)
     assert len(notes) == 2

@@ -1,7 +1,5 @@
 """Photographs whose channels were multiplied by factors that the test knows: what a fit finds of them, and of the albedo."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -41,8 +39,6 @@ def test_factors_of_known_material_and_light(scene: Scene, problem: Problem, fac
     """
     still = LearningRates(albedo=0.0, roughness=0.0, light=0.0, scale_ambiguity=0.0)
     settings = FitSettings(stage1_steps=200, stage2_steps=0, pixels=512, rates=still, multigrid_rates=TEXELS_ALONE)
-    assert scene.truth is not None
-    assert scene.truth.albedo is not None
     size = problem.plan.texture
     albedo = torch.nn.functional.interpolate(torch.from_numpy(scene.truth.albedo).movedim(-1, 0)[None], (size, size))[0].movedim(
         0, -1
@@ -61,7 +57,6 @@ def test_factors_of_known_material_and_light(scene: Scene, problem: Problem, fac
         parameters.clear()
         losses(pixels, parameters, step, 200, random)[0]["image"].backward()
         parameters.descend(step, 200)
-    assert parameters.exposures is not None
     found = parameters.exposures.detach()
     torch.testing.assert_close(found, factors, rtol=0.02, atol=0)
     torch.testing.assert_close(found.log().mean(0), torch.zeros(3), rtol=0, atol=1e-6)
@@ -83,7 +78,6 @@ def test_a_fit_finds_factors_and_the_albedo_beside_them(scene: Scene, problem: P
         fit.descent.descend()
         errors.append(albedo_error(problem, scene, fit.parameters.material(detached=True).albedo))
         if asked is coloured:
-            assert fit.parameters.exposures is not None
             off = (fit.parameters.exposures.detach() / factors).log().abs().mean()
     assert float(off) < 0.05  # of factors that are .15 off 1 in the mean
     assert errors[1] < 1.1 * errors[0]

@@ -1,7 +1,5 @@
 """Images, denoisers and pulls of the tests of sampling and guidance."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

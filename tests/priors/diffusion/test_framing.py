@@ -1,7 +1,5 @@
 """Frames and the way back: cut and paste are inverse, and predictions at the image's own size, against what is known."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 
@@ -16,6 +14,7 @@ from ia_bench.priors.diffusion.encoding import (
     enlarge_by_gain,
     exposure,
 )
+from ia_bench.scenes.color import tone_map
 
 SIZE = 100
 
@@ -25,7 +24,6 @@ def frame() -> Frame:
     mask = torch.zeros(SIZE, SIZE)
     mask[2:-2, 2:-2] = 1
     found = Frame.around(mask, 32)
-    assert found is not None
     assert found.length > 3 * found.side
     return found
 
@@ -107,6 +105,15 @@ def test_exposure_brings_the_quantile_of_the_foreground_to_its_value(picture):
         assert 0.85 < share < 0.97
 
 
+def test_exposure_of_nothing_is_one_and_of_one_bright_pixel_what_it_must_be():
+    one = torch.zeros(8, 8)
+    one[3, 4] = 1
+    images = torch.stack([torch.ones(8, 8, 3), torch.zeros(8, 8, 3), 1e6 * one[..., None].expand(8, 8, 3)])
+    factors = exposure(images, torch.stack([torch.zeros(8, 8), torch.ones(8, 8), one]))
+    assert factors[:2].tolist() == [1, 1]
+    assert float(factors[2]) == pytest.approx(EXPOSED_VALUE / 1e6)
+
+
 def test_exposure_divides_the_scale_of_an_image_out(picture):
     images, masks = picture
     torch.testing.assert_close(exposure(1e6 * images, masks) * 1e6, exposure(images, masks))
@@ -130,3 +137,19 @@ def test_specular_returns_up_to_the_white_of_the_image(picture):
     torch.testing.assert_close(decode("specular", encoded, masks, factor), specular, atol=1e-4, rtol=1e-4)
     beyond = decode("specular", encode("specular", 100 * specular, masks, factor), masks, factor)
     assert beyond.max() <= 1 / 0.25 * 1.0001
+
+
+def test_albedo_outlives_half_precision():
+    albedo = torch.rand(4, 8, 8, 3, generator=torch.Generator().manual_seed(0))
+    masks, one = torch.ones(4, 8, 8), torch.ones(4)
+    back = decode("albedo", encode("albedo", albedo.half().float(), masks, one).half().float(), masks, one)
+    torch.testing.assert_close(back, albedo, rtol=2e-3, atol=2e-4)
+
+
+def test_tone_map_and_its_slope_have_the_digits_of_float64_from_1e_30_to_1e30():
+    radiance = torch.logspace(-30, 30, 200).requires_grad_(True)
+    exact = radiance.detach().double().requires_grad_(True)
+    value, reference = tone_map(radiance), tone_map(exact)
+    slopes = [torch.autograd.grad(mapped.sum(), given)[0] for mapped, given in ((value, radiance), (reference, exact))]
+    torch.testing.assert_close(value.double(), reference, rtol=1e-5, atol=1e-17)
+    torch.testing.assert_close(slopes[0].double(), slopes[1], rtol=1e-4, atol=1e-16)

@@ -5,8 +5,6 @@ whole covariance to rounding, so only the error of the discretisation (first ord
 closed form, and no test of it is statistical. The ancestral sampler is tested statistically.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,13 +1,10 @@
 """The head at full resolution: what it makes of an image before and after its gain is known."""
 
-from __future__ import annotations
-
-import json
-
 import pytest
 import torch
 from priors.tiny_network import tiny_config, tiny_weights
 from safetensors.torch import load_file, save_file
+from spoils import edited
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
@@ -80,12 +77,6 @@ def test_diffusers_reads_the_unet_and_the_schedule(folder):
     assert DDIMScheduler.from_pretrained(folder / "scheduler").config.prediction_type == "sample"
 
 
-def change_json(folder, change):
-    described = json.loads((folder / "prior.json").read_text())
-    change(described)
-    (folder / "prior.json").write_text(json.dumps(described))
-
-
 def change_weights(folder, change, name=UNET):
     weights = load_file(folder / name)
     change(weights)
@@ -95,8 +86,8 @@ def change_weights(folder, change, name=UNET):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda f: change_json(f, lambda d: d.pop("network")), "prior.json: expected a table under 'network', found None"),
-        (lambda f: change_json(f, lambda d: d["network"].update(chanels=[16])), "did you mean 'network.channels'"),
+        (edited("prior.json", lambda d: d.pop("network")), "prior.json: expected a table under 'network', found None"),
+        (edited("prior.json", lambda d: d["network"].update(chanels=[16])), "did you mean 'network.channels'"),
         (lambda f: (f / ENCODER).write_bytes(b"\x80\x04cos\nsystem\n"), "encoder.safetensors: expected safetensors"),
         (lambda f: change_weights(f, lambda w: w.update({"conv_in.bias": torch.zeros(3)})), r"of shape \(16,\), found \(3,\)"),
         (lambda f: change_weights(f, lambda w: w["conv_in.bias"].fill_(float("nan"))), "conv_in.bias: expected finite values"),

@@ -4,8 +4,6 @@ The prior of the seam tests is a stationary Gaussian field with correlation leng
 a sample of one patch has the same gradient energy everywhere, so whatever differs comes from putting patches together.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

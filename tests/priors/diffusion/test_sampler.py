@@ -1,7 +1,5 @@
 """Schedules against their formulas and diffusers' timesteps, steps against Bayes' rule and diffusers; moments of a Gaussian."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """A tiny release: the albedo and the specular model as Lightning checkpoints, and what the converter makes of them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -48,9 +48,8 @@ TINY: dict[str, dict[str, Any]] = {
 }
 """The sizes of :meth:`LatentDiffusion.tiny` in the words of diffusers and transformers."""
 
+
 # ---- the whole, and its checkpoint -----------------------------------------------------------------------------------
-
-
 class LatentDiffusion(nn.Module):
     """Every weight differs from its initial value, norms included, so that a swapped tensor shows."""
 

@@ -1,7 +1,5 @@
 """The autoencoder and the image encoder of latent diffusion in plain torch, with the original's key names."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch
@@ -9,9 +7,8 @@ import torch.nn.functional as F
 from ldm_unet import Up, attend
 from torch import Tensor, nn
 
+
 # ---- autoencoder -----------------------------------------------------------------------------------------------------
-
-
 class PlainResidual(nn.Module):
     def __init__(self, channels: int, out: int) -> None:
         super().__init__()
@@ -117,8 +114,6 @@ class Autoencoder(nn.Module):
 
 
 # ---- image encoder ---------------------------------------------------------------------------------------------------
-
-
 class QuickGelu(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         return x * torch.sigmoid(1.702 * x)

@@ -1,7 +1,5 @@
 """The UNet of latent diffusion in plain torch, with the original's key names."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -18,8 +16,6 @@ def attend(query: Tensor, key: Tensor, value: Tensor, heads: int) -> Tensor:
 
 
 # ---- UNet ------------------------------------------------------------------------------------------------------------
-
-
 class Residual(nn.Module):
     def __init__(self, channels: int, embedding: int, out: int) -> None:
         super().__init__()

@@ -1,7 +1,5 @@
 """The converter against latent diffusion written out in plain torch (ldm.py): same numbers, from the right tensors."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -31,8 +29,6 @@ def inputs(*shape: int, seed: int = 0) -> Tensor:
 
 
 # ---- the numbers -----------------------------------------------------------------------------------------------------
-
-
 @torch.no_grad()
 def test_outputs_equal_those_of_the_averaged_weights(weights: Path) -> None:
     import_torchvision()
@@ -76,8 +72,6 @@ def test_full_size_is_that_of_the_release() -> None:
 
 
 # ---- safety ----------------------------------------------------------------------------------------------------------
-
-
 class Evil:
     """Unpickling it with an ordinary unpickler creates a file."""
 

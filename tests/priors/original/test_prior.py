@@ -1,7 +1,5 @@
 """The prior against the original's sampler written out in the test: plain-torch networks, diffusers' DDIM with eta 1."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

@@ -1,7 +1,5 @@
 """A page, and a real browser for it (tests/conftest.py)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -11,9 +9,8 @@ import numpy as np
 import pytest
 
 from ia_bench.cli.report import main
-from ia_bench.common.paths import scenes_folders
-from ia_bench.readers.native import NativeReader
 from ia_bench.scenes.exr import write_exr
+from ia_bench.scenes.scene import Scene
 
 GREY_ALBEDO = 0.25  # of the row "grey", everywhere
 PAGE_ROWS = {"ceiling": 40.0, "constant": 10.0, "none": 20.0, "grey": 24.0}  # PSNR of seed 0 on hat, in dB
@@ -52,14 +49,12 @@ def page_folder(
     put_on_scene: Callable[..., None],
     keep_pictures: Callable[..., None],
     tmp_path_factory: pytest.TempPathFactory,
+    tiny: Scene,
+    tiny_folder: Path,
 ) -> Path:
     """Four rows on two scenes; two rows have textures on the scene ``tiny``: the truth, and one grey."""
     root = tmp_path_factory.mktemp("browser")
-    write = partial(write_run_below, root)
-    scene = scenes_folders()[0] / "tiny"
-    truth = NativeReader(scene).read(truth=True).truth
-    assert truth is not None
-    assert truth.albedo is not None
+    write, truth = partial(write_run_below, root), tiny.truth
     textures = {"ceiling": truth.albedo, "grey": np.full_like(truth.albedo, GREY_ALBEDO)}
     for row, psnr in PAGE_ROWS.items():
         for seed in (0, 1):
@@ -74,7 +69,7 @@ def page_folder(
                     write_exr(run / "albedo.exr", textures[row], half=False)
                     write_exr(run / "roughness.exr", truth.roughness, half=False)
                     write_exr(run / "light.exr", truth.lights["train"], half=False)
-                    put_on_scene(run, scene)
+                    put_on_scene(run, tiny_folder)
     keep_pictures(*(root / "runs" / f"{row}-tiny-0" for row in textures))
     assert main([str(root / "runs"), "--out", str(root / "out"), "--reference", "none"]) == 0
     return root / "out" / "page"
@@ -83,19 +78,3 @@ def page_folder(
 @pytest.fixture
 def page(open_page: Callable[[Path], Any], page_folder: Path) -> Any:
     return open_page(page_folder)
-
-
-@pytest.fixture
-def dashes() -> Callable[[Any], list[list[float]]]:
-    """A function that draws all plots of a page again and returns the dashes that this took."""
-    script = """() => {
-      const drawer = CanvasRenderingContext2D.prototype, own = drawer.setLineDash, seen = [];
-      drawer.setLineDash = function (dash) {
-        if (dash.length) seen.push([...dash]);
-        return own.call(this, dash);
-      };
-      bench.plots.plots.forEach((plot) => plot.redraw());
-      const end = (done) => { drawer.setLineDash = own; done(seen); };
-      return new Promise((done) => setTimeout(end, 100, done)); // uPlot draws a moment after it is told to
-    }"""
-    return lambda page: page.evaluate(script)

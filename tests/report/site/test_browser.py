@@ -4,8 +4,6 @@ Every test also fails for a message on the console and for a request that leaves
 everything here is skipped, visibly: conftest.py says what brings them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -83,8 +81,6 @@ def test_from_the_best_row_of_a_scene_to_its_pictures(page: Any) -> None:
 
 
 # ---- for other readers: in the dark, on a phone, on paper, without scripts ----
-
-
 def test_on_a_phone_nothing_but_the_table_is_wider_than_the_window(page: Any) -> None:
     """The narrowest phone in use; also with pictures, plots and the numbers behind a cell."""
     page.set_viewport_size({"width": 360, "height": 740})
@@ -109,8 +105,6 @@ def test_text_is_there_before_any_script(browser: Any, page_folder: Path) -> Non
 
 
 # ---- error against run time ----
-
-
 def curves(page: Any) -> None:
     page.locator("#curves").scroll_into_view_if_needed()
     page.wait_for_function("bench.plots && bench.plots.plots.length === 5")
@@ -208,15 +202,7 @@ def test_the_frame_cuts_no_mark(name: str, time: str, request: pytest.FixtureReq
     assert min(room) >= AIR
 
 
-def test_nothing_is_dashed_once_all_runs_have_finished(page: Any, dashes: Callable[[Any], list[list[float]]]) -> None:
-    """Not even the second row, nor ceiling and floor: dashes are for runs that go on (test_live_page)."""
-    curves(page)
-    assert page.locator(".chip").count() == 2
-    assert dashes(page) == []
-
-
 # ---- what a prior is worth ----
-
 TABLE = """
 reference: none
 captures: [{}, {views: 2}]

@@ -4,8 +4,6 @@ Every test also fails for a message on the console and for a request that leaves
 everything here is skipped, visibly: conftest.py says what brings them.
 """
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable

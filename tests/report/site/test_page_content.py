@@ -1,7 +1,5 @@
 """What the page says, against the run folders that it is made from; no browser is needed."""
 
-from __future__ import annotations
-
 import html
 import json
 import re

@@ -1,7 +1,5 @@
 """Pictures of the page: what is drawn against the truth, what is packed against other programs' reading of it."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import io
@@ -91,8 +89,8 @@ def test_a_light_is_read_back_from_radiance_where_a_viewer_looks_for_it() -> Non
     assert np.abs(np.median(radiance) - 0.01) < 0.01 / 128
 
 
-def test_the_solid_is_the_mesh_to_less_than_a_pixel(scene_folder: Path) -> None:
-    mesh = NativeReader(scene_folder).read(truth=False).expect_mesh()
+def test_the_solid_is_the_mesh_to_less_than_a_pixel(tiny_folder: Path) -> None:
+    mesh = NativeReader(tiny_folder).read(truth=False).expect_mesh()
     content = gzip.decompress(base64.b64decode(packing.solid(mesh)))
     found = next(iter(trimesh.load(io.BytesIO(content), file_type="glb", process=False).geometry.values()))
     assert found.faces.tolist() == mesh.faces.tolist()

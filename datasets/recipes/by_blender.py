@@ -1,4 +1,4 @@
-"""What by_blender.glb was made with: python by_blender.py FILE.glb, with bpy 4.5.15 (datasets/recipes/requirements.txt has it).
+"""What tests/render/by_blender.glb was made with: python by_blender.py FILE.glb, with bpy 4.5.15 (requirements.txt has it).
 
 Two objects and two materials: a sphere with pictures of base colour and of roughness (green) and metallic (blue), and a plain cube.
 """
@@ -12,6 +12,7 @@ rng = np.random.default_rng(0)
 
 
 def picture(name: str, space: str) -> bpy.types.Image:
+    """One of random texels."""
     image = bpy.data.images.new(name, 8, 8, alpha=False)
     image.colorspace_settings.name = space
     image.pixels = np.dstack([rng.integers(0, 256, (8, 8, 3)) / 255, np.ones((8, 8))]).ravel().tolist()
@@ -20,6 +21,7 @@ def picture(name: str, space: str) -> bpy.types.Image:
 
 
 def material(name: str) -> tuple[bpy.types.Material, bpy.types.NodeTree, bpy.types.Node]:
+    """A new one, its nodes, and the one of them that shades."""
     made = bpy.data.materials.new(name)
     made.use_nodes = True
     return made, made.node_tree, made.node_tree.nodes["Principled BSDF"]
