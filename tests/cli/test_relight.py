@@ -136,7 +136,7 @@ def test_bad_input_is_one_sentence(ceiling: Path, light: Path, tmp_path: Path, c
         "expected light or white with .gif": relit(ceiling, light, tmp_path / "a.gif", "--background", "transparent"),
         "unknown view 'tst'; did you mean 'test'?": relit(ceiling, light, out, "--views", "tst"),
         "which has no photographs, found test": relit(ceiling / "asset.glb", light, out, "--views", "test"),
-        "expected none with --views test, found 3": relit(ceiling, light, out, "--views", "test", "--turn", "3"),
+        "turn: expected none with views=test, found 3": relit(ceiling, light, out, "--views", "test", "--turn", "3"),
     }
     said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("ia_bench: ")]
     assert set(cases.values()) == {2}

@@ -148,7 +148,8 @@ def test_every_list_of_runs_that_was_ever_published_is_read(path: Path) -> None:
     runs, lines = as_table(read_published(path)), pd.read_csv(path)
     assert len(runs) == len(lines) > 0
     for metric in METRICS:
-        np.testing.assert_array_equal(runs[metric.column], lines[metric.column])
+        if metric.column in lines:
+            np.testing.assert_array_equal(runs[metric.column], lines[metric.column])
 
 
 def test_a_list_without_a_metric_or_with_another_column_is_read(first: Path, tmp_path: Path) -> None:
