@@ -30,7 +30,7 @@ PARTS = {  # sheet of a run -> sheet of the truth, what stands beside the line, 
     "light": ("light", "light", "", ""),
 }
 SIDE, GAP, LINE, BESIDE, FONT = 188, 9, 34, 104, 16  # pixels
-QUALITY = 82
+QUALITY = 66
 
 
 def tiles(bundle: Bundle, name: str) -> list[Image.Image]:
