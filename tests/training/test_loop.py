@@ -122,7 +122,7 @@ def test_training_starts_from_given_weights(folders, tmp_path):
 @pytest.mark.slow
 def test_two_processes_train_together(folders, tmp_path):
     """Without random numbers in a batch, two halves of it make the step of the whole: only if gradients are averaged."""
-    still = [f"augmentation.{name}=0" for name in ("mirror", "permute", "cast", "exposure", "noise")]
+    still = [f"augmentation.{name}=0" for name in ("mirror", "permute", "cast", "exposure", "noise", "tone", "eight_bits")]
     plain = ("steps=3", "network.kind=regressor", "ema=0", "augmentation.no_geometry=1", *still)
     train(command(folders, tmp_path / "one", *plain))
     ended = run_apart(command(folders, tmp_path / "two", *plain), ("torch.distributed.run", "--nproc_per_node", "2", "-m"))
