@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -12,10 +13,12 @@ from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.indirect import Atlas
+from ia_bench.render.reconstruction import Quality
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.common.shaded import bake
 from ia_bench_baselines.common.spherical_gaussians import fit
+from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
 from ia_bench_baselines.invrender.method import InvRender, InvRenderOptions
 from ia_bench_baselines.invrender.model import ACTIVE, NARROWEST, LobeVisibility, sparsity
 from ia_bench_baselines.invrender.reconstruction import reconstruction
@@ -91,6 +94,21 @@ def waves(position: Tensor, extent: float) -> Tensor:
     turned = position @ torch.tensor([[1.0, 0.3, 0.0, 0.7], [0.2, 1.0, 0.3, -0.5], [0.0, 0.3, 1.0, 0.4]])
     amplitude = torch.tensor([0.3, 0.3, 0.3, 0.2])
     return torch.tensor([0.45, 0.45, 0.45, 0.5]) + amplitude * torch.sin(2 * math.pi / extent * turned)
+
+
+def test_renders_of_two_seeds_have_other_noise(tiny: Scene, stage: Stage) -> None:
+    """By which paper-v3 tells the noise from the error."""
+    material = Material(torch.full((8, 8, 3), 0.5), torch.full((8, 8, 1), 0.5))
+    light = SphericalGaussians(torch.eye(3), torch.full((3,), 4.0), torch.ones(3, 3))
+    found = reconstruction(stage, material, light, None)
+
+    def drawn(points: int, seed: int) -> np.ndarray:
+        quality = Quality(points, 8, seed)
+        return found.render([tiny.test[0].camera], light=None, albedo_scale=None, quality=quality).images[0]
+
+    np.testing.assert_array_equal(drawn(1, 1), drawn(1, 1))
+    noise = [np.abs(drawn(points, 2) - drawn(points, 1)).mean() for points in (1, 4)]
+    assert 0 < noise[1] < 0.5 * noise[0], "sixteen times the points have about a quarter of it"
 
 
 @pytest.mark.slow
