@@ -84,6 +84,19 @@ def test_what_was_packed_is_verified_and_the_same_runs_give_the_same_bytes(
     assert list(states.values()) == ["verified"]
 
 
+def test_the_name_of_the_home_folder_is_taken_out_where_a_path_begins(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", "/home/somebody")
+    run = shutil.copytree(runs / "none", tmp_path / "none")
+    setup = json.loads((run / "config.json").read_text())
+    setup["command"] = "ia-bench run scene.path=/home/somebody/objects/hat out=/mnt/home/somebody/runs"
+    (run / "config.json").write_text(json.dumps(setup))
+    files = files_of(packed(run, tmp_path / "a.zip", "A. Author"))
+    (config,) = (json.loads(content) for name, content in files.items() if name.endswith("config.json"))
+    assert config["command"] == "ia-bench run scene.path=~/objects/hat out=/mnt/home/somebody/runs"
+
+
 @pytest.mark.parametrize("hashed", [False, True])
 def test_a_manipulated_score_is_found_with_and_without_fitting_hashes(
     pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], *, hashed: bool

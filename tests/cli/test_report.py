@@ -9,7 +9,9 @@ import pytest
 from report.scored_runs import scored
 from run_records import write_record
 
+import ia_bench as ib
 from ia_bench.cli.report import main
+from ia_bench.cli.rescore import main as rescore
 from ia_bench.report.value import FILES, write_value
 from ia_bench.report.write import write_report
 from ia_bench.runs.table import Row, Table
@@ -104,6 +106,11 @@ def test_of_a_tables_results_the_cells_of_its_last_call_are_reported(tmp_path: P
     assert "results: 1 run is left out, since cells.json there, of the table's last call, does not list more" in told.err
     (line,) = csv.DictReader((tmp_path / "out" / "runs.csv").open())
     assert (line["row"], line["scene"], line["albedo_psnr"], line["status"]) == ("mine", "hat", "20.0", "ok")
+    assert ib.table([tmp_path / "results"])[["row", "albedo_psnr"]].to_numpy().tolist() == [["mine", 20.0]]
+    assert rescore([str(tmp_path / "results"), "--out", str(tmp_path / "again")]) == 1  # records alone cannot be scored
+    told = capsys.readouterr()
+    assert f"{tmp_path / 'results' / 'runs' / 'hat'}" in told.err
+    assert f"{tmp_path / 'results' / 'runs' / 'former'}" not in told.err
     assert main([str(tmp_path / "results" / "runs"), "--out", str(tmp_path / "out")]) == 2
     assert "expected one run per cell" in capsys.readouterr().err
 
