@@ -39,13 +39,16 @@ BEYOND = ">"
 class Compared:
     """A row in one metric: its ``gain`` over the reference, the ``equal`` one at equal seconds, both positive where it is better.
 
-    ``beyond``: whether it takes longer than the whole curve; ``score``: its mean, None for one that is not ranked; ``front``:
-    whether no ranked row is both cheaper and better, nor better for the same cost.
+    ``beyond``: whether it takes longer than the whole curve; ``judged``: whether the gain at equal seconds may be called decided,
+    which takes every scene of the reference, and a curve that is as long as the row and that the row is not part of; ``score``:
+    its mean, None for one that is not ranked; ``front``: whether no ranked row is both cheaper and better, nor better for the same
+    cost.
     """
 
     gain: Paired
     equal: Paired
     beyond: bool
+    judged: bool
     score: float | None
     front: bool = False
 
@@ -60,6 +63,7 @@ class Clock:
         rows: All rows that were run.
         costs: Row -> its seconds over the reference's, of those whose seconds compare.
         curve: Those of them that are the reference with more work, the reference among them, the cheapest first.
+        lacking: Names of others that the table has for the curve, without their capture: they were not run, or not timed.
         ranked: Those of them that may stand on a Pareto front, since they do not see the truth.
     """
 
@@ -68,6 +72,7 @@ class Clock:
     rows: tuple[str, ...]
     costs: Mapping[str, float]
     curve: tuple[str, ...]
+    lacking: tuple[str, ...]
     ranked: frozenset[str]
 
     def short(self, row: str) -> str:
@@ -92,7 +97,8 @@ class Clock:
             whole = row in self.costs and row in self.ranked and gain.count > 0 and gain.pairs.keys() == scenes
             mean = _mean_over_scenes(own) + sign * float(gain.scenes.mean()) if whole else None
             beyond = row in self.costs and self.costs[row] > self.costs[self.curve[-1]]
-            found[row] = Compared(gain, Paired(pairs), beyond, mean)
+            judged = not beyond and row not in self.curve and pairs.keys() >= scenes
+            found[row] = Compared(gain, Paired(pairs), beyond, judged, mean)
         ranked = {row: sign * one.score for row, one in found.items() if one.score is not None}
         ordered = sorted(ranked, key=lambda row: (self.costs[row], -ranked[row]))
         front = [row for place, row in enumerate(ordered) if all(ranked[row] > ranked[one] for one in ordered[:place])]
@@ -126,6 +132,10 @@ class Timing:
             f"At equal seconds: the row minus the best of {curve} after the row's seconds, per scene and seed, {how}."
             if len(clock.curve) > 1
             else f"“{reference}” was not run with more work: what it has after more seconds is not known ({BEYOND}).",
+            f"Without {' and '.join(f'“{name}”' for name in clock.lacking)}, which the table names for that and which was not run, "
+            "gains at equal seconds are upper bounds."
+            if clock.lacking
+            else "",
         ]
         return " ".join(word for word in words if word)
 
@@ -170,7 +180,8 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
         costs = {row: cost for row in rows if (cost := _cost(spent, row, first, stated if counted == STATED else None)) is not None}
         if first in costs:
             curve = sorted({first, *(crossed_name(name, label) for name in table.curve)} & costs.keys(), key=costs.__getitem__)
-            clocks.append(Clock(label, first, rows, costs, tuple(curve), blind))
+            lacking = tuple(name for name in table.curve if crossed_name(name, label) not in curve)
+            clocks.append(Clock(label, first, rows, costs, tuple(curve), lacking, blind))
     measured = done[done["row"].isin([row for clock in clocks for row in clock.costs])]
     clocks = [clock for clock in clocks if len(clock.rows) > 1]
     return Timing(counted, _unequal(measured, counted), tuple(clocks)) if clocks else None
@@ -234,11 +245,14 @@ def seconds_table(runs: Runs, time: Timing, scenes: int) -> Printed:
 
 
 def seconds_records(runs: Runs, time: Timing) -> Iterable[Record]:
-    """Lines of seconds.csv: every row in each of WORTH_METRICS; what is decided at equal seconds is so among all in a metric."""
+    """Lines of seconds.csv: every row in each of WORTH_METRICS.
+
+    What is decided at equal seconds is so among all that are judged in a metric; the others have no p-value.
+    """
     for metric in WORTH_METRICS:
         found = compared(runs, time, metric)
-        judged = [row for clock in time.clocks for row in clock.rows if row not in clock.curve]
-        survivors = dict(zip(judged, holm([found[row].equal.p_value for row in judged]), strict=True))
+        judged = {row: one.equal.p_value for row, one in found.items() if one.judged}
+        survivors = dict(zip(judged, holm([*judged.values()]), strict=True))
         for clock, row in [(one, row) for one in time.clocks for row in one.rows]:
             one = found[row]
             label = {"capture": clock.capture, "row": row, "reference": clock.reference, "metric": metric.key}
@@ -248,7 +262,7 @@ def seconds_records(runs: Runs, time: Timing) -> Iterable[Record]:
                 seeds = pairs.over_seeds
                 line |= {name: seeds and seeds.mean, f"{name}_half_width_over_seeds": seeds and seeds.half_width}
                 line |= {f"{name}_half_width_over_scenes": seeds and seeds.wider, f"{name}_pairs": pairs.count}
-            yield line | {"equal_seconds_p_value": one.equal.p_value, "equal_seconds_decided": survivors.get(row)}
+            yield line | {"equal_seconds_p_value": judged.get(row), "equal_seconds_decided": survivors.get(row)}
 
 
 def points(runs: Runs, time: Timing) -> list[Record]:

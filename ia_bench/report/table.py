@@ -241,14 +241,14 @@ def differences_table(differences: Mapping[str, Mapping[str, Paired]], scenes: S
     return found
 
 
-def claims_table(verdicts: Sequence[Verdict], scenes: Sequence[str]) -> Printed:
-    """A line for every two rows and metric: the mean, the outcome, what carries it, and every scene for itself."""
-    body, signs = [], any(one.pairs.signs for one in verdicts)
+def claims_table(verdicts: Sequence[Verdict], scenes: Sequence[str], *, by_scene: bool = True) -> Printed:
+    """A line for every two rows and metric: the mean over ``scenes``, the outcome, what carries it, and each scene for itself."""
+    body, signs, shown = [], any(one.pairs.signs for one in verdicts), scenes if by_scene else ()
     for one in verdicts:
-        by_scene = (difference_text(one.pairs.of_scene(scene), one.metric) for scene in scenes)
+        each = (difference_text(one.pairs.of_scene(scene), one.metric) for scene in shown)
         mean = difference_text(one.pairs, one.metric, len(scenes)).removesuffix(" ‡")
         names = [f"{one.better} above {one.worse}", one.metric.title]
         tests = [p_text(one.p_value), *([signs_text(one.pairs)] if signs else [])]
-        body.append([*names, mean, one.outcome, carried_text(one.pairs) or "–", *tests, *by_scene])
+        body.append([*names, mean, one.outcome, carried_text(one.pairs) or "–", *tests, *each])
     tests = ["p", *(["Scenes above (sign test)"] if signs else [])]
-    return Printed(["Claim", "Metric", "Difference", "With our small prior", "Carried by", *tests, *scenes], body)
+    return Printed(["Claim", "Metric", "Difference", "With our small prior", "Carried by", *tests, *shown], body)

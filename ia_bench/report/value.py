@@ -110,7 +110,7 @@ def _of_gain(gain: Gain) -> Record:
         "high": high,
         "half_width_over_scenes": half_width(gain.pairs.scenes),
         "half_width_new_scene": gain.pairs.new_scene,
-        "p_value": gain.pairs.p_value,
+        "p_value": gain.p_value,
         "scenes_above": gain.pairs.signs and gain.pairs.signs[0],
         "sign_test_p_value": gain.pairs.signs and gain.pairs.signs[2],
         "decided": f"{gain.outcome}{', decided alone' if gain.alone else ''}",

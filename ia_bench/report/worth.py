@@ -68,6 +68,7 @@ class Gain:
     pairs: Paired  # its differences to the reference, turned so that more is better, by scene and seed
     beside: float  # mean of the reference over the same scenes and seeds
     level: float  # mean of the reference over all scenes and seeds that it was run with under this capture; the same for every row
+    complete: bool  # whether they share runs in every scene of the reference
     survives: bool = False  # whether it is decided among all gains in this metric
 
     @cached_property
@@ -81,10 +82,15 @@ class Gain:
         return interval(replicates(self.pairs.seeds)) if len(self.pairs.pairs) > 1 else None
 
     @property
-    def detectable(self) -> float | None:
-        """The smallest true gain that would have been decided with probability .8, given how much scenes differ.
+    def p_value(self) -> float | None:
+        """None also where a scene is missing: what a row gains that failed elsewhere decides nothing."""
+        return self.pairs.p_value if self.complete else None
 
-        (t(.975) + t(.8)) s / sqrt(n) for n scenes whose means have the standard deviation s; None for a single scene.
+    @property
+    def detectable(self) -> float | None:
+        """The smallest true gain that would have been decided alone with probability .8, given how much scenes differ.
+
+        Among several it takes more. (t(.975) + t(.8)) s / sqrt(n) for n scenes whose means have the standard deviation s; None for a single scene.
         """
         scenes = self.pairs.scenes
         if len(scenes) < 2:
@@ -100,7 +106,7 @@ class Gain:
     @property
     def alone(self) -> bool:
         """Whether it would be decided only if it stood alone."""
-        return is_small(self.pairs.p_value) and not self.survives
+        return is_small(self.p_value) and not self.survives
 
     @property
     def text(self) -> str:
@@ -120,12 +126,12 @@ class Gain:
         known = [
             f"{row}: {self.text}{' dB' if self.metric.label == 'PSNR' else ''} over {over}, which has {text(self.beside)}",
             f"{self.outcome}{', decided alone' if self.alone else ''}",
-            self.pairs.p_value is not None and f"p = {p_text(self.pairs.p_value)}",
+            self.p_value is not None and f"p = {p_text(self.p_value)}",
             f"scenes: {len(self.pairs.pairs)}, pairs of runs: {self.pairs.count}",
             self.pairs.signs and f"above zero in {signs_text(self.pairs)}",
             width is not None and f"over other scenes ± {text(width)}",
             self.pairs.new_scene is not None and f"one more scene ± {text(self.pairs.new_scene)}",
-            self.detectable is not None and f"would have been decided from {text(self.detectable)}",
+            self.detectable is not None and f"would have been decided alone from {text(self.detectable)}",
             self.pairs.carriers and f"carried by {carried_text(self.pairs)}",
         ]
         return "; ".join(words for words in known if words) + "."
@@ -163,10 +169,11 @@ def gains(runs: Runs, table: Table) -> list[Gain]:
         pairs, level = better(scores, crossed_name(row.name, label), reference, metric), levels.get(reference)
         if pairs.pairs and level is not None:
             beside = [np.mean([scores[reference][scene, seed] for seed in seeds]) for scene, seeds in pairs.pairs.items()]
-            found.append(Gain(row.name, table.reference, label, metric, pairs, float(np.mean(beside)), level.mean))
+            complete = pairs.pairs.keys() >= {scene for scene, _ in scores[reference]}
+            found.append(Gain(row.name, table.reference, label, metric, pairs, float(np.mean(beside)), level.mean, complete))
     for metric in METRICS:
         places = [place for place, gain in enumerate(found) if gain.metric == metric]
-        for place, survives in zip(places, holm([found[place].pairs.p_value for place in places]), strict=True):
+        for place, survives in zip(places, holm([found[place].p_value for place in places]), strict=True):
             found[place] = replace(found[place], survives=survives)
     return found
 

@@ -140,6 +140,14 @@ def test_what_is_decided_only_alone_is_marked_and_eight_scenes_have_a_sign_test(
     assert float(base["half_width_new_scene"]) == pytest.approx(3 * width), "sqrt(1 + 1/n) over sqrt(1/n), of eight scenes"
 
 
+def test_a_row_that_lacks_a_scene_decides_nothing() -> None:
+    found = records({"2 views": [[1.0], [1.1], [1.2]]})
+    assert [one.survives for one in gains(as_table(found), TABLE) if one.metric.key == "aligned_albedo.psnr"] == [True]
+    some = [one for one in found if (one["row"], one["scene"]) != ("kernel, 2 views", "s0")]
+    (gain,) = [one for one in gains(as_table(some), TABLE) if one.metric.key == "aligned_albedo.psnr"]
+    assert (gain.p_value, gain.outcome, gain.alone) == (None, "undecided", False)
+
+
 def test_the_level_of_the_reference_is_that_of_all_its_runs_whichever_row_stands_first(tmp_path: Path) -> None:
     """The kernel, the first row, has one seed of each scene, the other row both: the reference has 10 and 20, 30 and 40 dB."""
     table = Table(rows=[Row("none", []), Row("kernel", []), Row("other", [])], reference="none", captures=[{}, {"views": 8}])
