@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,21 +74,36 @@ def fill_unobserved(texture: Tensor, observed: Tensor) -> Tensor:
     """
     if bool(observed.all()) or not bool(observed.any()):
         return texture
-    filled = _pull_push(texture.permute(2, 0, 1)[None] * observed, observed[None, None].to(texture.dtype))
-    return torch.where(observed[..., None], texture, filled[0].permute(1, 2, 0))
+    filled = _pull_push(_squared(texture * observed[..., None]), _squared(observed[..., None].to(texture.dtype)))
+    return torch.where(observed[..., None], texture, _cropped(filled, len(texture)))
+
+
+def _squared(texture: Tensor) -> Tensor:
+    """A texture (T, T, C) as (1, C, P, P) with zeros beyond it; P is the next power of two, which can be halved down to 1."""
+    size = len(texture)
+    more = 2 ** math.ceil(math.log2(size)) - size
+    return torch.nn.functional.pad(texture.permute(2, 0, 1)[None], (0, more, 0, more))
+
+
+def _cropped(image: Tensor, size: int) -> Tensor:
+    """The texture (size, size, C) that :func:`_squared` has brought into this form."""
+    return image[0, :, :size, :size].permute(1, 2, 0)
 
 
 def _pull_push(values: Tensor, weight: Tensor) -> Tensor:
-    """Average premultiplied ``values`` down to one texel, then fill holes on the way up (Gortler et al. 1996)."""
+    """Average premultiplied ``values`` down to one texel, then fill holes on the way up (Gortler et al. 1996).
+
+    A coarser texel is as certain as its parts together, at most entirely.
+    """
     mean = values / weight.clamp_min(1e-12)
-    if min(values.shape[-2:]) == 1:
+    if values.shape[-1] == 1:
         return mean
     pool = torch.nn.functional.avg_pool2d
-    coarse_weight = pool(weight, 2, ceil_mode=True)
-    coarse = _pull_push(pool(values, 2, ceil_mode=True), coarse_weight)
-    up = torch.nn.functional.interpolate(coarse, size=values.shape[-2:], mode="bilinear", align_corners=False)
-    confidence = weight.clamp(0, 1)
-    return confidence * mean + (1 - confidence) * up
+    average = pool(weight, 2)
+    known = (4 * average).clamp(max=1)
+    coarse = _pull_push(pool(values, 2) / average.clamp_min(1e-12) * known, known)
+    up = torch.nn.functional.interpolate(coarse, scale_factor=2, mode="bilinear", align_corners=False)
+    return torch.lerp(up, mean, weight)
 
 
 def smooth_by_view_count(texture: Tensor, count: Tensor, even: float) -> Tensor:
@@ -99,15 +115,15 @@ def smooth_by_view_count(texture: Tensor, count: Tensor, even: float) -> Tensor:
     """
     if not bool((count > 0).any()):
         return texture
-    return _mixed_with_coarser(texture.permute(2, 0, 1)[None], count[None, None], even)[0].permute(1, 2, 0)
+    return _cropped(_mixed_with_coarser(_squared(texture), _squared(count[..., None]), even), len(texture))
 
 
 def _mixed_with_coarser(mean: Tensor, count: Tensor, even: float) -> Tensor:
     if mean.shape[-1] == 1:
         return mean
     pool = torch.nn.functional.avg_pool2d
-    average = pool(count, 2, ceil_mode=True)
-    coarse = _mixed_with_coarser(pool(mean * count, 2, ceil_mode=True) / average.clamp_min(1e-12), 4 * average, even)
-    around = torch.nn.functional.interpolate(coarse, size=mean.shape[-2:], mode="bilinear", align_corners=False)
+    average = pool(count, 2)
+    coarse = _mixed_with_coarser(pool(mean * count, 2) / average.clamp_min(1e-12), 4 * average, even)
+    around = torch.nn.functional.interpolate(coarse, scale_factor=2, mode="bilinear", align_corners=False)
     own = count.square()
     return torch.lerp(around, mean, own / (own + even**2))

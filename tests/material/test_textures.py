@@ -11,7 +11,7 @@ import torch
 from scipy.ndimage import map_coordinates
 
 from benchmarks import reference
-from ia_bench.material.textures import fetch, fill_unobserved, splat
+from ia_bench.material.textures import fetch, fill_unobserved, smooth_by_view_count, splat
 
 Fetch = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 BY = [pytest.param(fetch, torch.float32, 2e-6, id="kernel"), pytest.param(reference.fetch, torch.float64, 1e-12, id="torch")]
@@ -105,6 +105,25 @@ def test_filling_takes_the_nearer_of_two_regions() -> None:
     assert (filled[:, :16] < 0.5).all()
     assert (torch.diff(filled, dim=1) > 0).all()
     torch.testing.assert_close(filled, 1 - filled.flip(1), atol=1e-5, rtol=0)
+
+
+def test_filling_between_scattered_texels_follows_them() -> None:
+    """A ramp of which one texel in five is observed: what is filled keeps to it, and is no mean of everything."""
+    ramp = torch.linspace(0, 1, 128, dtype=torch.float64).expand(128, 128)[..., None]
+    observed = numbers(128, 128) < 0.2
+    assert float((fill_unobserved(ramp, observed) - ramp).abs().mean()) < 0.005
+
+
+@pytest.mark.parametrize("size", [64, 65, 96, 100])
+def test_filling_and_smoothing_know_no_side(size: int) -> None:
+    """A symmetric ramp around a hole; the pyramid's cells begin at one side, which sizes that are no power of two must not show."""
+    ramp = torch.linspace(0, 1, size, dtype=torch.float64).expand(size, size)[..., None]
+    observed = torch.ones(size, size, dtype=torch.bool)
+    hole = slice(size // 2 - 8, -(-size // 2) + 8)
+    observed[hole, hole] = False
+    for fill in (fill_unobserved, lambda texture, seen: smooth_by_view_count(texture, 4.0 * seen.double(), 0.5)):
+        turned = 1 - fill(ramp, observed).flip(1)
+        assert float((fill(ramp, observed) - turned).abs().max()) < 0.12
 
 
 def test_filling_all_or_nothing() -> None:

@@ -25,7 +25,8 @@ ALIGNMENT_PERIOD = 10  # steps between two estimates
 class Targets(WeightedCoupling):
     """The losses |SSI(k_hat, k_s) - k_s| in the prior's encoding and |S_hat - S_s| of tone-mapped radiance.
 
-    The alignment SSI is an inner minimisation that alternates with the optimiser's steps, so it carries no gradient.
+    The alignment SSI is a function of all pixels of a view. Its statistics are those of many pixels, taken every ALIGNMENT_PERIOD
+    steps, and what they add to the gradient is part of it (:class:`SlopeOfStatistics`).
 
     Attributes:
         ssi: How renders are aligned with the prior's albedo, per view: "scale", "scale_shift" (mean and spread, as in Ranftl et
@@ -48,36 +49,81 @@ class Targets(WeightedCoupling):
         asked = samples.weight[:, 0] > 0
         covered = torch.nonzero(asked & gbuffer.filled)[:, 0]
         usable = covered if len(covered) else torch.nonzero(asked)[:, 0]
-        chosen = usable[:: max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)]
+        chosen = self._chosen = usable[:: max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)]
+        self._statistics = Statistics.of(samples.values["albedo"][chosen], gbuffer.view(chosen), gbuffer.shape[0])
         face = gbuffer.face[chosen]
         uv = problem.renderer.surface.uv(face.clamp_min(0).long(), gbuffer.barycentric[chosen])
-        self._aligning = (face >= 0)[..., None], uv, samples.values["albedo"][chosen], gbuffer.view(chosen)
+        self._aligning = (face >= 0)[..., None], uv
 
     @torch.no_grad()
     def update(self, texture: Tensor, step: int) -> None:
         """Estimate the alignment where it is due; a pure function of step and texture."""
         if "albedo" in self._uses and (self._alignment is None or step % ALIGNMENT_PERIOD == 0):
-            hit, uv, target, view = self._aligning
-            prediction = (fetch(texture, uv) * hit).sum(1) / hit.shape[1]
-            self._alignment = align_views(prediction, target, view, self._gbuffer.shape[0], self.ssi)
+            hit, uv = self._aligning
+            prediction, view = (fetch(texture, uv) * hit).sum(1) / hit.shape[1], self._gbuffer.view(self._chosen)
+            found = Statistics.of(prediction, view, self._gbuffer.shape[0])
+            with torch.enable_grad():
+                mean, spread = found.mean.requires_grad_(), found.spread.requires_grad_()
+                alignment = align(found, self._statistics, self.ssi)
+                loss = _per_view(self._differences(prediction, self._chosen, alignment), view, len(mean)).sum()
+                loss = loss + 0 * (mean + spread).sum()  # so that an alignment without statistics has a gradient, of zero
+                by = torch.autograd.grad(loss, (mean, spread))
+            self._alignment = ViewAlignment(alignment.scale.detach(), alignment.shift.detach())
+            self._slope = SlopeOfStatistics(mean.detach(), found.side, *by)
 
     def albedo_loss(self, render: StepRender, pixels: Tensor) -> Tensor:
         """See the class."""
         assert self._alignment is not None, "update() comes first"
+        kept = render.albedo.detach()
+        slope = self._slope(kept, self._gbuffer.view(pixels)) * (self._weight[pixels] > 0)
+        through_statistics = slope * (render.albedo - kept)  # zero; its gradient is what counts
+        return (self._differences(render.albedo, pixels, self._alignment) + through_statistics).mean()
+
+    def _differences(self, prediction: Tensor, pixels: Tensor, alignment: ViewAlignment) -> Tensor:
+        """How far (B, 3) predictions are from the targets of ``pixels`` when they are aligned, weighted."""
         gbuffer = self._gbuffer
         coverage = (gbuffer.face[pixels] >= 0).float().mean(1, keepdim=True)
-        aligned = self._alignment(render.albedo, gbuffer.view(pixels), coverage)
-        difference = encode(aligned, self._encoding) - self._target[pixels]
-        return (self._weight[pixels] * difference.abs()).mean()
+        aligned = alignment(prediction, gbuffer.view(pixels), coverage)
+        return self._weight[pixels] * (encode(aligned, self._encoding) - self._target[pixels]).abs()
 
     def state(self) -> dict[str, Tensor]:
-        """The alignment between two updates; nothing before the first."""
-        return {} if self._alignment is None else dict(vars(self._alignment))
+        """The alignment between two updates, with its slope; nothing before the first."""
+        return {} if self._alignment is None else {**vars(self._alignment), **vars(self._slope)}
 
     def restore(self, state: dict[str, Tensor]) -> None:
         """Take it over; checkpoints are read on the CPU."""
-        device = self._weight.device
-        self._alignment = ViewAlignment(**{name: value.to(device) for name, value in state.items()}) if state else None
+        if not state:
+            self._alignment = None
+            return
+        values = {name: value.to(self._weight.device) for name, value in state.items()}
+        self._alignment = ViewAlignment(values.pop("scale"), values.pop("shift"))
+        self._slope = SlopeOfStatistics(**values)
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Of all values of each view, (V,): ``mean``, ``spread`` (mean absolute deviation), ``side`` (mean sign of the deviations).
+
+    All are 0 for a view without pixels.
+    """
+
+    mean: Tensor
+    spread: Tensor
+    side: Tensor
+
+    @classmethod
+    def of(cls, values: Tensor, view: Tensor, views: int) -> Statistics:
+        """Of values (P, 3) in views (P,)."""
+        mean = _per_view(values, view, views)
+        deviations = values - mean[view][:, None]
+        return cls(mean, _per_view(deviations.abs(), view, views), _per_view(deviations.sign(), view, views))
+
+
+def _per_view(values: Tensor, view: Tensor, views: int) -> Tensor:
+    """Means (V,) of the values (P, 3) in views (P,)."""
+    zeros = values.new_zeros(views)
+    count = zeros.index_add(0, view, torch.ones_like(values[:, 0])).clamp_min(1)
+    return zeros.index_add(0, view, values.mean(-1)) / count
 
 
 @dataclass(frozen=True)
@@ -92,32 +138,45 @@ class ViewAlignment:
         return prediction * self.scale[view][:, None] + coverage * self.shift[view][:, None]
 
 
-def align_views(prediction: Tensor, target: Tensor, view: Tensor, views: int, mode: str) -> ViewAlignment:
+def align(prediction: Statistics, target: Statistics, mode: str) -> ViewAlignment:
     """The paper's SSI (Ranftl et al. 2022): bring the prediction's mean and mean absolute deviation to the target's, per view.
 
-    (P, 3) predictions and targets of pixels in views (P,); one scale and one shift per view, common to the channels, so
-    that a colour cast is not aligned away. ``mode``: "scale_shift", "scale" (ratio of means, no shift) or
-    "none". A view without pixels, or whose prediction is constant (or zero, for "scale"), gets scale 1 and, for
-    "scale_shift", the shift that matches the means. The result carries no gradient.
+    There is one scale and one shift per view, common to the channels, so that a colour cast is not aligned away. ``mode``:
+    "scale_shift", "scale" (ratio of means, no shift) or "none". A view without pixels, or whose prediction is constant (or zero,
+    for "scale"), gets scale 1 and, for "scale_shift", the shift that matches the means.
     """
-    prediction, target = prediction.detach(), target.detach()
-    ones = torch.ones(views, device=prediction.device)
+    ones = torch.ones_like(prediction.mean)
     if mode == "none":
         return ViewAlignment(ones, torch.zeros_like(ones))
-    count = torch.zeros_like(ones).index_add_(0, view, torch.ones_like(prediction[:, 0])).clamp_min(1)
-
-    def per_view_mean(values: Tensor) -> Tensor:
-        return torch.zeros_like(ones).index_add_(0, view, values.mean(-1)) / count
-
-    mean_prediction, mean_target = per_view_mean(prediction), per_view_mean(target)
     if mode == "scale":
-        usable = mean_prediction > 1e-6
-        return ViewAlignment(torch.where(usable, mean_target / mean_prediction.clamp_min(1e-6), ones), torch.zeros_like(ones))
-    spread_prediction = per_view_mean((prediction - mean_prediction[view][:, None]).abs())
-    spread_target = per_view_mean((target - mean_target[view][:, None]).abs())
-    usable = spread_prediction > 1e-4
-    scale = torch.where(usable, spread_target / spread_prediction.clamp_min(1e-4), ones)
-    return ViewAlignment(scale, mean_target - scale * mean_prediction)
+        ratio = target.mean / prediction.mean.clamp_min(1e-6)
+        return ViewAlignment(torch.where(prediction.mean > 1e-6, ratio, ones), torch.zeros_like(ones))
+    ratio = target.spread / prediction.spread.clamp_min(1e-4)
+    scale = torch.where(prediction.spread > 1e-4, ratio, ones)
+    return ViewAlignment(scale, target.mean - scale * prediction.mean)
+
+
+@dataclass(frozen=True)
+class SlopeOfStatistics:
+    """What a loss, the mean over a view's values of how far they are when aligned, changes with one value by way of the statistics.
+
+    For a value p of N of a view, with the derivatives of the loss by the view's mean and spread, ``by_mean`` and ``by_spread``,
+
+        N dL/dp = ``by_mean`` + ``by_spread`` (sign(p - ``mean``) - ``side``);    all (V,)
+
+    beside the derivative at a kept alignment. That one alone pulls along what SSI leaves open: with the scale kept, a darker albedo
+    is nearer, and so is one that is darker still with the next scale.
+    """
+
+    mean: Tensor
+    side: Tensor
+    by_mean: Tensor
+    by_spread: Tensor
+
+    def __call__(self, prediction: Tensor, view: Tensor) -> Tensor:
+        """N dL/dp for (P, 3) predictions of pixels in views (P,)."""
+        mean, side, by_mean, by_spread = (values[view][:, None] for values in vars(self).values())
+        return by_mean + by_spread * ((prediction - mean).sign() - side)
 
 
 @dataclass(eq=False)

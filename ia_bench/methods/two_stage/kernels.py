@@ -50,10 +50,12 @@ _ADD_DOUBLED_ROW = """
     const float* upper = coarse.data + top * width * channels;
     const float* lower = coarse.data + bottom * width * channels;
     float* sums = fine.data + row * 2 * width * channels;
+    const int end = width * channels;
     for (int c = 0; c < channels; ++c) {
-        float here = above * upper[c] + below * lower[c], left = here;
-        for (int k = c; k < width * channels; k += channels) {
-            const int next = k + channels < width * channels ? k + channels : k;
+        const int before = wraps ? end - channels + c : c;
+        float here = above * upper[c] + below * lower[c], left = above * upper[before] + below * lower[before];
+        for (int k = c; k < end; k += channels) {
+            const int next = k + channels < end ? k + channels : wraps ? c : k;
             const float right = above * upper[next] + below * lower[next];
             sums[2 * k - c] += 0.75f * here + 0.25f * left;
             sums[2 * k - c + channels] += 0.75f * here + 0.25f * right;
@@ -66,13 +68,16 @@ _ADD_DOUBLED_ROW = """
 
 @wp.func_native(_ADD_DOUBLED_ROW)
 def _add_doubled_row(
-    coarse: wp.array(dtype=float), height: int, width: int, channels: int, row: int, fine: wp.array(dtype=float)
+    coarse: wp.array(dtype=float), height: int, width: int, channels: int, wraps: int, row: int, fine: wp.array(dtype=float)
 ): ...  # fmt: skip
 
 
 @wp.kernel(enable_backward=False)
 def add_doubled(
-    first: int, coarse: wp.array(dtype=float), height: int, width: int, channels: int, fine: wp.array(dtype=float)
+    first: int, coarse: wp.array(dtype=float), height: int, width: int, channels: int, wraps: int, fine: wp.array(dtype=float)
 ):  # fmt: skip
-    """A row of an image to which one of half its resolution, (height, width, channels), is added bilinearly; both lie flat."""
-    _add_doubled_row(coarse, height, width, channels, first + wp.tid(), fine)
+    """A row of an image to which one of half its resolution, (height, width, channels), is added bilinearly; both lie flat.
+
+    ``wraps``: whether the last column lies beside the first one, as in a lat-long map; else the border's values go on beyond it.
+    """
+    _add_doubled_row(coarse, height, width, channels, wraps, first + wp.tid(), fine)

@@ -57,7 +57,7 @@ class Parameters:
         groups = [{"params": [p], "lr": rate} for p, rate in zip(self.tensors.values(), self._rates, strict=True)]
         self.optimizer = torch.optim.Adam(groups, betas=BETAS, fused=True)
         self._alone: dict[str, Tensor] = {}
-        self.multigrid = MultigridSteps(images, BETAS)
+        self.multigrid = MultigridSteps(images, BETAS, wrapped=["log_light"])
         self.scale_ambiguity = ScaleAmbiguityStep(self.tensors["albedo"], self.tensors["log_light"], self.observed)
 
     def material(self, *, detached: bool = False) -> Material:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from itertools import pairwise
 
 import torch
@@ -34,9 +34,12 @@ class MultigridSteps:
     whose own texels bring it back.
     """
 
-    def __init__(self, images: Mapping[str, Tensor], betas: tuple[float, float]) -> None:
-        """``images``: leaves (H, W, C) by name; one with an odd side has no coarser levels beyond it. ``betas``: of Adam."""
-        self._images = dict(images)
+    def __init__(self, images: Mapping[str, Tensor], betas: tuple[float, float], *, wrapped: Collection[str] = ()) -> None:
+        """``images``: leaves (H, W, C) by name; one with an odd side has no coarser levels beyond it. ``betas``: of Adam.
+
+        ``wrapped``: names of lat-long maps, whose last column lies beside the first one.
+        """
+        self._images, self._wrapped = dict(images), frozenset(wrapped)
         self._levels = {name: levels for name, image in images.items() if (levels := _levels(image))}
         groups = [{"params": levels, "lr": 0.0} for levels in self._levels.values()] or [{"params": []}]
         self.optimizer = torch.optim.Adam(groups, betas=betas, fused=True)
@@ -57,7 +60,7 @@ class MultigridSteps:
         self.optimizer.step()
         for name in moving:
             for fine, coarse in reversed(list(pairwise([self._images[name], *self._levels[name]]))):
-                flat = coarse.view(-1), *coarse.shape, fine.view(-1)
+                flat = coarse.view(-1), *coarse.shape, int(name in self._wrapped), fine.view(-1)
                 launch(add_doubled, len(fine), *flat, device=fine.device)
                 coarse.zero_()
 

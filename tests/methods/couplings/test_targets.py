@@ -9,8 +9,9 @@ from small_fit import altered
 from torch import Tensor
 
 from ia_bench.methods.contract import Coupling, PixelSamples, Problem, StepRender
+from ia_bench.methods.couplings.base import encode
 from ia_bench.methods.couplings.kernel import Kernel
-from ia_bench.methods.couplings.targets import ALIGNMENT_PERIOD, Distilled, Targets, align_views
+from ia_bench.methods.couplings.targets import ALIGNMENT_PERIOD, Distilled, Statistics, Targets, ViewAlignment, align
 from ia_bench.priors.contract import PriorInfo
 from ia_bench.scenes.color import linear_to_srgb
 
@@ -163,12 +164,16 @@ def reference(prediction: Tensor, target: Tensor, view: Tensor, mode: str) -> tu
     return np.array(scales), np.array(shifts)
 
 
+def aligned_by(prediction: Tensor, target: Tensor, view: Tensor, mode: str) -> ViewAlignment:
+    return align(*(Statistics.of(values, view, VIEWS) for values in (prediction, target)), mode)
+
+
 @pytest.mark.parametrize("factor", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("mode", ["scale_shift", "scale"])
 def test_alignment_equals_the_reference(mode: str, factor: float) -> None:
     prediction, target, view = pixels()
     prediction = factor * prediction
-    alignment = align_views(prediction, target, view, VIEWS, mode)
+    alignment = aligned_by(prediction, target, view, mode)
     scale, shift = reference(prediction, target, view, mode)
     np.testing.assert_allclose(alignment.scale, scale, rtol=1e-5)
     np.testing.assert_allclose(alignment.shift, shift, atol=1e-6)
@@ -185,7 +190,7 @@ def test_alignment_equals_the_reference(mode: str, factor: float) -> None:
 def test_constant_images_are_safe(mode: str, prediction: float, target: float) -> None:
     view = torch.tensor([0, 0, 0, 2, 2])  # views 1 and 3 have no pixels
     p, t = torch.full((5, 3), prediction), torch.full((5, 3), target)
-    alignment = align_views(p, t, view, VIEWS, mode)
+    alignment = aligned_by(p, t, view, mode)
     assert bool(torch.isfinite(alignment.scale).all() & torch.isfinite(alignment.shift).all())
     assert alignment.scale[[1, 3]].tolist() == [1, 1]
     assert alignment.shift[[1, 3]].tolist() == [0, 0]
@@ -195,13 +200,26 @@ def test_constant_images_are_safe(mode: str, prediction: float, target: float) -
         torch.testing.assert_close(alignment(p, view, torch.ones(5, 1)), t)
 
 
-def test_alignment_carries_no_gradient_and_moves_covered_pixels_alone() -> None:
-    prediction, target, view = pixels()
-    prediction.requires_grad_(True)
-    alignment = align_views(prediction, target, view, VIEWS, "scale_shift")
-    assert not alignment.scale.requires_grad
-    assert not alignment.shift.requires_grad
-    aligned = alignment(prediction, view, torch.zeros(len(view), 1))
-    torch.testing.assert_close(aligned, prediction * alignment.scale[view][:, None])
-    aligned.sum().backward()
-    torch.testing.assert_close(prediction.grad, alignment.scale[view][:, None].expand(-1, 3).contiguous())
+@pytest.mark.parametrize("mode", ["scale_shift", "scale", "none"])
+def test_the_gradient_is_that_of_the_whole_loss(problem: Problem, texture: Tensor, seen: Tensor, mode: str) -> None:
+    """Against autograd through statistics of all pixels; nothing pulls along what SSI leaves open, the scale (and the shift)."""
+    every = torch.arange(len(seen))[problem.gbuffer.filled]
+    told = 0.3 + 0.4 * torch.rand(len(seen), 3, generator=torch.Generator().manual_seed(2))
+    targets = prepared(Targets(ssi=mode), problem, even(albedo=told), texture)  # type: ignore[arg-type]
+    shown = seen[every].clone().requires_grad_()
+    targets.loss(StepRender(shown, shown, texture, torch.Generator()), every)["albedo"].backward()
+    exact, view = seen[every].double().requires_grad_(), problem.gbuffer.view(every)
+    views = problem.gbuffer.shape[0]
+    found, wanted = (Statistics.of(values, view, views) for values in (exact, told[every].double()))
+    whole = align(found, wanted, mode)(exact, view, torch.ones(len(every), 1))
+    (encode(whole, "srgb") - encode(told[every].double(), "srgb")).abs().mean().backward()
+    assert exact.grad is not None
+    assert shown.grad is not None
+    np.testing.assert_allclose(shown.grad, exact.grad, rtol=0, atol=3e-3 * float(exact.grad.abs().max()))
+    for one in range(views if mode != "none" else 0):
+        here = view == one
+        gradient, values = shown.grad[here].double(), exact.detach()[here]
+        size = float((gradient.abs() * values).sum())
+        assert abs(float((gradient * values).sum())) < 1e-3 * size
+        if mode == "scale_shift":
+            assert abs(float(gradient.sum())) < 1e-3 * float(gradient.abs().sum())

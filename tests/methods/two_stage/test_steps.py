@@ -55,6 +55,16 @@ def test_steps_add_up_to_those_of_every_level() -> None:
     np.testing.assert_allclose(image.detach().numpy(), expected, rtol=0, atol=1e-5)
 
 
+def test_a_light_has_no_seam() -> None:
+    """Of a lat-long map it does not matter which column is the first one; of a texture it does."""
+    gradient, moved = torch.randn(16, 32, 3, generator=torch.Generator().manual_seed(0)), []
+    for columns in (0, 8):
+        image = torch.zeros(16, 32, 3, requires_grad=True)
+        MultigridSteps({"light": image}, BETAS, wrapped=["light"])({"light": 0.1}, {"light": gradient.roll(columns, 1)})
+        moved.append(image.detach().roll(-columns, 1))
+    torch.testing.assert_close(*moved)
+
+
 def test_a_loss_of_single_texels_moves_nothing_at_coarser_scales(problem: Problem) -> None:
     """The first step of Adam is its rate: alone that of texels, else those of all scales together."""
     settings, moved = FitSettings(), {}
