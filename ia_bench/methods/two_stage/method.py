@@ -48,4 +48,6 @@ class TwoStage:
 
         if problem.plan.metallic is None:
             look_for_metal(problem)
-        return Fit(problem, self.options, seed, monitor).finish()
+        with problem.costs.exclude("bake"):
+            fit = Fit(problem, self.options, seed, monitor)
+        return fit.finish()
