@@ -32,6 +32,7 @@ from ia_bench.report.collect import CellKey, collect
 from ia_bench.runs.cells import folders_with_cells
 from ia_bench.runs.composition import compose, written
 from ia_bench.runs.execute import execute
+from ia_bench.runs.identity import from_anywhere
 from ia_bench.runs.recovered import Recovered
 from ia_bench.runs.relighting import Background, draw, frames_of
 from ia_bench.runs.scene import read_scene
@@ -77,7 +78,7 @@ def load(scene: str | Path, *, reader: str = "native", **settings: Any) -> Loade
     """
     is_name = reader == "native" and isinstance(scene, str) and Path(scene).name == scene != ".."
     place = {"scene": scene} if is_name else {"scene.path": Path(scene).expanduser().resolve()}
-    given = tuple(_overrides({**place, "reader": reader, **settings}))
+    given = tuple(_overrides(from_anywhere({**place, "reader": reader, **settings})))
     with process_state_kept():
         config = compose(given)
         found = read_scene(config.scene, config.reader, truth=True)
@@ -163,8 +164,8 @@ class Fit(Recovered):
     ) -> Image.Image:
         """The object under another light as a picture, exposed for the object; ``ia-bench relight`` also makes animations.
 
-        ``light`` and ``samples`` as in :meth:`render`; ``view``: the name of a view of the scene, or "still", from the side and
-        above; ``size``: height in pixels; ``background``: "transparent", "light" or "white".
+        ``light`` and ``samples`` as in :meth:`render`; ``view``: the name of a view of the scene, as "test/0001", or "still",
+        from the side and above; ``size``: height in pixels; ``background``: "transparent", "light" or "white".
         """
         frames = frames_of(view, 1, self.scene.expect_mesh(), self.scene, size)
         with process_state_kept():
@@ -266,4 +267,4 @@ def _overrides(settings: Mapping[str, Any], above: str = "") -> Iterator[str]:
         if isinstance(value, Mapping):
             yield from _overrides(value, f"{above}{name}.")
         else:
-            yield f"{above}{name}={written(value)}"
+            yield f"{above}{name}={written(value, above + name)}"

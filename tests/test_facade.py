@@ -12,6 +12,7 @@ import torch
 
 import ia_bench as ib
 from ia_bench.cli.run import main
+from ia_bench.readers.writers.frames import write_blender
 from ia_bench.scenes.exr import write_exr
 
 SETTINGS = {"preset": "smoke", "device": "cpu", "threads": 1, "fit": {"stage1_steps": 2, "stage2_steps": 1}}
@@ -51,10 +52,17 @@ def test_a_light_is_a_name_a_file_or_an_array(fit: ib.Fit, scene: ib.LoadedScene
     np.testing.assert_array_equal(named, given)
     np.testing.assert_array_equal(fit.render(camera), fit.render(camera, fit.light))
     np.testing.assert_allclose(fit.render(camera, 2 * fit.light), 2 * fit.render(camera), rtol=1e-5)
-    relit = fit.relight(name, scene.test[0].name, size=16, samples=8)
+    relit = fit.relight(name, f"test/{scene.test[0].name}", size=16, samples=8)
     assert (relit.mode, relit.size) == ("RGBA", (16, 16))
     with pytest.raises(ib.InputError, match="light=dusk: no such file"):
         fit.render(camera, "dusk")
+
+
+def test_a_fit_is_found_from_another_folder(fit: ib.Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(fit.folder.parent)
+    found = ib.Fit("fit")
+    monkeypatch.chdir(tmp_path)
+    np.testing.assert_array_equal(found.albedo, fit.albedo)
 
 
 def test_the_asset_is_a_glb(fit: ib.Fit, tmp_path: Path) -> None:
@@ -85,9 +93,12 @@ def test_a_changed_scene_is_refused(scene: ib.LoadedScene) -> None:
             ib.fit(wrong)
 
 
-def test_a_folder_is_no_name(tiny_copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_is_no_name(scene: ib.LoadedScene, tiny_copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tiny_copy.parent)
     assert ib.load("./tiny").settings == (f"scene.path='{tiny_copy.resolve()}'", "reader='native'")
+    write_blender(Path("theirs"), scene)
+    given = {"reader.options.mesh": Path("tiny/mesh.ply")}
+    assert ib.load("theirs", reader="nerfstudio", **given).settings[-1] == f"reader.options.mesh='{tiny_copy / 'mesh.ply'}'"
     with pytest.raises(ib.InputError, match="did you mean 'tiny'"):
         ib.load("tinny")
 
@@ -95,6 +106,10 @@ def test_a_folder_is_no_name(tiny_copy: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_values_are_written_as_hydra_reads_them(scene: ib.LoadedScene) -> None:
     with pytest.raises(ib.InputError, match=r"capture\.views: 'it's a, \[b\]'\. There are: all"):
         ib.fit(scene, row="it's a, [b]", capture={"views": "it's a, [b]"})
+    with pytest.raises(ib.InputError, match=r"seed: expected 0 or more, found -1"):
+        ib.fit(scene, seed=np.int64(-1), capture={"percentile": np.float32(80)})
+    with pytest.raises(ib.InputError, match=r"capture\.views: expected a number, a text, a list or a table, found ndarray"):
+        ib.fit(scene, capture={"views": np.arange(2)})
 
 
 def test_importing_takes_no_package_and_names_are_there() -> None:

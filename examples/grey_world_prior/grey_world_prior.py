@@ -33,14 +33,9 @@ class GreyWorldPrior:
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """Albedo and specular radiance (V, H, W, 3) of images (V, H, W, 3), premultiplied by masks (V, H, W).
 
-        Raises ValueError for other shapes and for NaN or Inf. ``seed`` and ``guidance`` change nothing.
+        ``seed`` and ``guidance`` change nothing.
         """
         images, masks = observations.images, observations.masks
-        if images.ndim != 4 or images.shape[-1] != 3 or masks.shape != images.shape[:3]:
-            shapes = f"{tuple(images.shape)} and {tuple(masks.shape)}"
-            raise ValueError(f"expected images (V, H, W, 3) and masks (V, H, W), found {shapes}")
-        if not bool(torch.isfinite(images).all() & torch.isfinite(masks).all()):
-            raise ValueError("expected finite images and masks, found NaN or Inf")
         coverage = masks[..., None]
         radiance = torch.where(coverage > 0, images / coverage.clamp_min(FLOOR), 0.0)
 

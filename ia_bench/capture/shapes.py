@@ -70,7 +70,7 @@ def with_geometry(
             poses = zip(scene.train, made[CAMERAS].numpy(), strict=True)
             train = tuple(replace(view, camera=replace(view.camera, to_world=pose)) for view, pose in poses)
             scene = replace(scene, train=train)
-    truth = scene.truth and replace(scene.truth, mesh=scene.mesh)
+    truth = scene.truth and replace(scene.truth, mesh=scene.truth.mesh or scene.mesh)
     return replace(scene, mesh=mesh, truth=truth, mesh_is_made=True)
 
 

@@ -256,27 +256,6 @@ def _with_geometry(subject: Subject) -> Iterator[Finding]:
         yield _same("the same geometry again", samples, subject.ask(shown))
 
 
-# ---- wrong input -----------------------------------------------------------------------------------------------------
-
-
-def _refuses(subject: Subject) -> Iterator[Finding]:
-    shown = subject.stack.shown(subject.info.wants - GEOMETRY)
-    spoiled = shown.images.clone()
-    spoiled[0, spoiled.shape[1] // 2, spoiled.shape[2] // 2] = torch.nan
-    mistakes = {
-        "a NaN pixel": replace(shown, images=spoiled),
-        "images of one channel": replace(shown, images=shown.images[..., :1].clone()),
-        "masks of another size": replace(shown, masks=shown.masks[:, 1:].clone()),
-    }
-    for what, wrong in mistakes.items():
-        clear, found = False, "a sample"
-        try:
-            subject.ask(wrong)
-        except Exception as error:
-            clear, found = isinstance(error, ValueError | TypeError) and bool(str(error)), raised(error)
-        yield judge(clear, what, "a ValueError or TypeError that says what is wrong", found)
-
-
 def _kept(subject: Subject) -> Iterator[Finding]:
     """What has been so all the while: inputs as they were, costs counted, a fingerprint."""
     if hasattr(subject.prior, "fingerprint"):
@@ -296,7 +275,6 @@ RULES: tuple[tuple[str, Callable[[Subject], Iterator[Finding]]], ...] = (
     ("guidance", _guided),
     ("distillation", _distilled),
     ("refinement", _refined),
-    ("wrong input", _refuses),
     ("geometry", _with_geometry),
     ("inputs", _kept),
 )

@@ -45,7 +45,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     notes: dict[str, str] = {}
     left_out = 0
     for path in packs:
-        digest = digest_of(path) or ""
+        if (digest := digest_of(path)) is None:
+            complain(f"{path}: expected a pack, found none that can be read; the pack is left out")
+            left_out += 1
+            continue
         place = wanted.out / PACKS / digest[:NAMED]
         try:
             manifest = unpack(path, place)

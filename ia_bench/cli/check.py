@@ -13,7 +13,7 @@ from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import FAULT, OK, command, say
 from ia_bench.common.machine import limit_threads
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import method_of, slug
+from ia_bench.runs.config import expect_outside, method_of, slug
 
 if TYPE_CHECKING:
     from ia_bench.checks.finding import Finding
@@ -32,7 +32,7 @@ ia-bench check reader=NAME scene.path=FOLDER [reader.options.KEY=VALUE ...] [she
 
 Checks that a plugin keeps its contract. NAME is one that ia-bench run --choices lists, or module:Class.
 
-A prior is asked about small computed images of a painted ball: shapes, ranges, determinism, seeds, guidance, wrong input.
+A prior is asked about small computed images of a painted ball: shapes, ranges, determinism, seeds, guidance.
 A method reconstructs tiny (scene=NAME or scene.path=FOLDER: another one) with preset=smoke: whether it sees no truth,
 repeats and resumes to the bit (on the CPU), predicts what it says it does, and is scored. prior=NAME gives it one to ask.
 A coupling and a regulariser are asked about tiny, and about samples and materials that are made up: what they give back,
@@ -150,6 +150,7 @@ def _check_reader(arguments: Sequence[str]) -> Checked:
     open_scene(config.scene, config.reader)  # as in _maker
     sheets = [text.partition("=")[2] for text in arguments if text.startswith("sheet=")]
     place = Path((*sheets, f"runs/contact_sheets/{slug(config.scene.name)}.png")[0])
+    expect_outside("sheet", place, config.scene, config.reader)
     what = f"reader {config.reader.name} ({config.reader.target}) on scene {config.scene.name}"
     return what, check_reader(lambda: open_scene(config.scene, config.reader), place)
 

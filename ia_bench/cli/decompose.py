@@ -7,6 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import InputError, expect_distinct
 from ia_bench.common.exit_codes import OK, exits, say
@@ -34,16 +36,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     expect_distinct("expected images of different names, or one by one", [path.stem for path in wanted.images])
     from ia_bench.runs.decomposition import decompose_with, make_prior, reduced, write_decomposition  # brings in torch
 
-    # all mistakes come before any work
-    read = [read_photograph(path, wanted.mask, notice=lambda text: say(text, sys.stdout)) for path in wanted.images]
-    maker = make_prior(wanted.prior, {}, [f"prior.options.{text}" for text in wanted.option])
-    make_writable(wanted.out, "--out")
-    for path, (radiance, coverage) in zip(wanted.images, read, strict=True):
+    def read(path: Path) -> tuple[np.ndarray, np.ndarray]:
+        """A picture, reduced at once: there may be many, and large ones."""
+        radiance, coverage = read_photograph(path, wanted.mask, notice=lambda text: say(text, sys.stdout))
         if bool((coverage == 1).all()):
             say(f"{path}: no mask: the whole picture is taken as the object; --mask or its alpha says what is", sys.stdout)
+        return reduced(radiance, coverage, wanted.size)
+
+    pictures = [read(path) for path in wanted.images]  # all mistakes come before any work
+    maker = make_prior(wanted.prior, {}, [f"prior.options.{text}" for text in wanted.option])
+    make_writable(wanted.out, "--out")
+    for path, picture in zip(wanted.images, pictures, strict=True):
         with Progress() as progress:
-            small = reduced(radiance, coverage, wanted.size)
-            parts = decompose_with(maker, *small, samples=wanted.samples, seed=wanted.seed, begin=progress.task)
+            parts = decompose_with(maker, *picture, samples=wanted.samples, seed=wanted.seed, begin=progress.task)
         say(f"{path}: {parts.samples} samples, {parts.network_calls} network evaluations", sys.stdout)
         for written in write_decomposition(parts, wanted.out, path.stem):
             say(f"  {written}", sys.stdout)

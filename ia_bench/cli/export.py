@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,9 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ia_bench.common.atomic_file import whole_folder
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.paths import make_writable
+from ia_bench.runs.composition import compose, setting
+from ia_bench.runs.config import expect_outside
 from ia_bench.scenes.scene import Mesh
 
 NO_MESH = Mesh(*(np.zeros((0, count), kind) for count, kind in ((3, "f4"), (3, "i4"), (3, "f4"), (2, "f4"))))
@@ -45,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     named = [text for text in wanted.given if "=" not in text]
     if not any(text.startswith(("scene=", "scene.path=")) for text in settings) and named:
         name, *named = named
-        settings.insert(0, f"scene.path={name}" if Path(name).is_dir() else f"scene={name}")
+        settings.insert(0, setting("scene.path" if Path(name).is_dir() else "scene", name))
     if len(named) != 1:
         raise InputError(f"ia-bench export: expected SCENE OUT, a scene and a new folder, found {' '.join(wanted.given)}")
     if wanted.size is not None and not 8 <= wanted.size <= 8192:
@@ -55,7 +59,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise InputError(f"{out}: expected a new folder, or an empty one, found files in it")
     from ia_bench.capture.capture import captured
     from ia_bench.readers.writers.formats import FORMATS, exposed, exposure  # brings in torch, as what follows
-    from ia_bench.runs.composition import compose
     from ia_bench.runs.scene import read_scene, tell
 
     if (wanted.format is None) == (wanted.purpose is None):
@@ -63,16 +66,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if wanted.format is not None and wanted.format not in FORMATS:
         raise InputError(unknown("--format", wanted.format, FORMATS))
     config = compose(settings)
+    expect_outside("OUT", out, config.scene, config.reader)
     scene = read_scene(config.scene, config.reader, truth=True)
     without = scene.mesh is None and config.capture.geometry == "given"  # which a run refuses, and a layout need not
     scene = captured(replace(scene, mesh=NO_MESH) if without else scene, config.capture, lambda line: say(line, sys.stderr))
     scene = replace(scene, mesh=None) if without else scene
     tell(scene, lambda line: say(line, sys.stderr))
-    make_writable(out, "OUT")
+    make_writable(out if out.exists() else out.parent, "OUT")
     if wanted.format is not None:
         form = FORMATS[wanted.format]
         factor = 1.0 if form.linear else exposure(scene)
-        options = form.write(out, exposed(scene, factor))
+        with whole_folder(out) as place:
+            options = form.write(place, exposed(scene, factor))
+        options = {key: value.replace(str(place), str(out)) if isinstance(value, str) else value for key, value in options.items()}
         if factor < 1:
             say(
                 f"radiance of photographs and lights times {factor:.4g}, so that 8 bits hold 98 % of the object's pixels",
@@ -81,23 +87,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         bounds = sum(int((~view.known & (view.mask > 0)).sum()) for view in scene.train)
         if bounds:
             say(f"{bounds} pixels that are clipped, or not known, are written as they stand, and then pass for known", sys.stdout)
-        values = "".join(f" reader.options.{key}={str(value).replace(' ', '')}" for key, value in options.items())
+        words = [setting("scene.path", out), *(setting(f"reader.options.{key}", value) for key, value in options.items())]
         say(f"{out}: {scene.name} as {wanted.format}; it is read back by", sys.stdout)
-        say(f"  ia-bench check reader={form.reader} scene.path={out}{values}", sys.stdout)
+        say(f"  ia-bench check reader={form.reader} {shlex.join(words)}", sys.stdout)
         return OK
     from ia_bench.priors.files import ABOUT, README, write_photographs
 
-    write_photographs(out, scene.train, size=wanted.size, background=wanted.background, crop=wanted.crop)
     size = f"{wanted.size} x {wanted.size}" if wanted.size else "as large as the photographs"
     text = README.format(
         count=len(scene.train),
         size=size,
         background=wanted.background,
-        scene=" ".join(text for text in wanted.given if text != named[0]),
-        out=out,
-        settings=" ".join(settings),
+        scene=shlex.join(text for text in wanted.given if text != named[0]),
+        out=shlex.quote(str(out)),
+        settings=shlex.join(settings),
         about=ABOUT,
     )
-    (out / "README.txt").write_text(text)
+    with whole_folder(out) as place:
+        write_photographs(place, scene.train, size=wanted.size, background=wanted.background, crop=wanted.crop)
+        (place / "README.txt").write_text(text)
     say(f"{out}: {len(scene.train)} photographs; {out / 'README.txt'} says what to do with them", sys.stdout)
     return OK

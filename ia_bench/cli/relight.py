@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("what", type=Path, metavar="RUN|ASSET", help="the folder of a run, or a .glb, .gltf or .obj")
     parser.add_argument("--light", nargs="+", type=Path, required=True, help="lat-long maps, .hdr or .exr; several side by side")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".png, .webp, .gif, or .mp4 (by ffmpeg)")
-    seen = "still, orbit (the object turns), test (all held-out views) or a view's name (default: a held-out one, else still)"
+    seen = "still, orbit (the object turns), test (all held-out views) or a view, as test/0001 (default: a held-out one or still)"
     parser.add_argument("--views", metavar="VIEW", help=seen)
     steps = f"pictures of a whole turn of the light, or of the object (default: 1, of .gif and .mp4 {STEPS})"
     parser.add_argument("--turn", type=at_least(1), metavar="N", help=steps)
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             found, scene = relighting.of_run(wanted.what, device, wanted.scene)
         else:
             found = relighting.of_asset(wanted.what, device, progress.note, wanted.up)
-        views = wanted.views or (scene.test[0].name if scene is not None and scene.test else relighting.STILL)
+        views = wanted.views or (f"test/{scene.test[0].name}" if scene is not None and scene.test else relighting.STILL)
         frames = relighting.frames_of(views, turn, found.assets().mesh, scene, wanted.size)
         relighting.expect_format(wanted.out, background, len(frames))
         task = progress.task("pictures", len(frames) * len(lights))

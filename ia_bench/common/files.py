@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterable
 from functools import cache, partial
 from pathlib import Path
@@ -67,6 +68,17 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):
         return False
+
+
+def files_below(place: Path) -> list[Path]:
+    """The file ``place``, or all files below that folder, sorted; linked folders are entered, too, but none from within itself."""
+    found, above = [place] if place.is_file() else [], {str(place): {os.path.realpath(place)}}
+    for folder, parts, names in os.walk(place, followlinks=True):
+        real = {part: os.path.realpath(os.path.join(folder, part)) for part in parts}
+        parts[:] = [part for part in parts if real[part] not in above[folder]]
+        above |= {os.path.join(folder, part): above[folder] | {real[part]} for part in parts}
+        found += [path for name in names if (path := Path(folder, name)).is_file()]
+    return sorted(found)
 
 
 def hash_of_files(root: Path, files: Iterable[Path]) -> str:

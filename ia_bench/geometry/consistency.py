@@ -164,7 +164,7 @@ class MovingPhotographs:
             parts = view.image, view.mask[..., None], known[..., None], (known | (view.mask > 0))[..., None]
             channels.append(np.concatenate(parts, -1, dtype=np.float32))
         self._pictures = torch.from_numpy(np.stack(channels))  # (V, H, W, 6)
-        covered = [np.nonzero(view.mask > HALF) for view in views]
+        covered = [np.nonzero(_shown(view.mask)) for view in views]
         self._middle = torch.tensor([[columns.mean() + 0.5, rows.mean() + 0.5] for rows, columns in covered]).float()
         self._radius = torch.tensor([max(float(np.sqrt(len(rows) / np.pi)), 1.0) for rows, _ in covered])
         self.offsets = torch.zeros(len(views), 4, requires_grad=True)
@@ -204,3 +204,8 @@ class MovingPhotographs:
         motion = np.zeros(6)
         motion[USED] = np.linalg.lstsq(np.stack(effects, -1), wanted.ravel(), rcond=None)[0]
         return moved(camera, units * motion)
+
+
+def _shown(mask: np.ndarray) -> np.ndarray:
+    """Which pixels (H, W) of a ``mask`` show the object: those above a half, else above 0, else all, so that they have a middle."""
+    return next(part for part in (mask > HALF, mask > 0, np.ones(mask.shape, bool)) if part.any())

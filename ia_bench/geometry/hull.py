@@ -100,9 +100,15 @@ def _edge_pixels(values: np.ndarray) -> np.ndarray:
 
 
 def centre_of(views: Sequence[View]) -> np.ndarray:
-    """The point (3,) that is nearest, by least squares, to the rays from the cameras through the middles of the masks."""
+    """The point (3,) that is nearest, by least squares, to the rays from the cameras through the middles of the masks.
+
+    Views that show nothing of the object have no say. Raises InputError where no other is left.
+    """
+    shown = [view for view in views if (view.mask > HALF).any()]
+    if not shown:
+        raise InputError(f"masks: expected a view whose mask exceeds {HALF} in some pixel, found none among {len(views)}")
     origins, directions = [], []
-    for view in views:
+    for view in shown:
         row, column = (places.mean() + 0.5 for places in np.nonzero(view.mask > HALF))
         direction = view.camera.rays(column, row)
         origins.append(view.camera.position)
@@ -172,7 +178,8 @@ def _bounds(views: Sequence[View], outlines: Sequence[Silhouette], tolerated: in
         column, row, depth = (float(part) for part in view.camera.project(torch.from_numpy(centre).float()[None]))
         rows, columns = np.nonzero(view.mask > HALF)
         (across, along) = view.camera.focal
-        half = max(half, float(np.hypot((columns + 0.5 - column) / across, (rows + 0.5 - row) / along).max()) * max(depth, 0.0))
+        apart = np.hypot((columns + 0.5 - column) / across, (rows + 0.5 - row) / along)
+        half = max(half, float(apart.max(initial=0.0)) * max(depth, 0.0))  # 0 of a view that shows nothing of the object
     for _ in range(GROWTHS):
         lattice = torch.linspace(-1, 1, 2 * LATTICE + 1)
         offsets = half * torch.stack(torch.meshgrid(lattice, lattice, lattice, indexing="ij"), -1).reshape(-1, 3)

@@ -7,13 +7,14 @@ import re
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
 
 import numpy as np
 import torch
 
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import hash_of_files, is_file, shown
+from ia_bench.common.files import hash_of_files, is_file, read_json, shown
 from ia_bench.scenes.scene import Mesh
 
 if TYPE_CHECKING:
@@ -88,6 +89,16 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
         return trimesh.load(source, file_type=kind, process=False, fix_texture=_uv_per_face(path), resolver=Beside(str(path)))
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise _unreadable(path, error) from None
+
+
+def named_by_gltf(path: Path, *kinds: str) -> list[Path]:
+    """The files beside a .gltf that it names as "buffers" or "images"; none of another file, or of one that cannot be read."""
+    try:
+        listed = [one for kind in kinds for one in read_json(path).get(kind, [])] if path.suffix.lower() == ".gltf" else []
+        uris = [str(one.get("uri", "data:")) for one in listed]
+        return [file for uri in uris if not uri.startswith("data:") and (file := path.parent / unquote(uri)).is_file()]
+    except (InputError, OSError, TypeError, AttributeError, ValueError):  # told when it is read
+        return []
 
 
 def _unreadable(path: Path, error: Exception) -> InputError:

@@ -84,6 +84,8 @@ def neighbours(views: Sequence[View]) -> list[list[int]]:
 
 def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tensor]], hull: DistanceGrid) -> DepthMap:
     empty = DepthMap(view.camera, *torch.zeros(2, *view.mask.shape))
+    if not view.mask.any():
+        return empty
     rows, columns = (slice(place.min(), place.max() + 1) for place in np.nonzero(view.mask > 0))
     # ---------------------------------------------------------------- planes, and where they are inside of the hull
     along = torch.from_numpy(view.camera.rays(*np.indices(view.mask.shape)[::-1] + 0.5)).float()[rows, columns]

@@ -61,7 +61,7 @@ class PriorInfo:
 
 @dataclass(frozen=True)
 class Observations:
-    """What a prior is shown of V images of one size, on the CPU, in float32.
+    """What a prior is shown of V images of one size: finite, on the CPU, in float32.
 
     Attributes:
         images: (V, H, W, 3) linear radiance, premultiplied by the masks.
@@ -135,7 +135,7 @@ class Prior(Protocol):
 
         ``guidance`` maps a component to its current render (V, H, W, 3), premultiplied; the sample is drawn toward it (the
         paper's equation 8). The same seed and input give the same sample, whatever else was sampled before, and an image's
-        sample does not depend on the images beside it. Raises a ValueError or TypeError for input that cannot be used.
+        sample does not depend on the images beside it.
         """
         ...
 

@@ -33,7 +33,6 @@ from ia_bench.common.seeds import derive_seed
 from ia_bench.common.settings import parsed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion.encoding import Frame, exposure, resized, window
-from ia_bench.priors.inputs import expect_usable
 from ia_bench.readers.pictures import SUFFIXES
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.images import display
@@ -147,9 +146,6 @@ class FilesPrior:
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`. Of the observations only names and masks are looked at."""
-        if guidance:
-            raise InputError("prior=files: it cannot be guided (guidable is false), found guidance")
-        expect_usable("files", observations, {}, self.info.provides)
         names = observations.names
         if names is None:
             raise InputError(

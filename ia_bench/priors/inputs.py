@@ -1,9 +1,9 @@
-"""What priors with networks ask of their callers, and how a view is told from another: shared by all of them."""
+"""Where and how precisely the networks of priors compute, and how a view is told from another: shared by all of them."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Literal
@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.contract import Observations
 
 Device = Literal["auto", "cpu", "cuda"]
 Precision = Literal["auto", "bf16", "float32"]
@@ -56,50 +55,6 @@ def use_bf16(precision: Precision, device: torch.device) -> bool:
         return torch.cuda.is_bf16_supported()
     supported: bool = torch.ops.mkldnn._is_mkldnn_bf16_supported()
     return supported and torch.backends.cpu.get_cpu_capability() == "AVX512"
-
-
-def expect_usable(
-    name: str,
-    observations: Observations,
-    renders: Mapping[str, Tensor],
-    provided: Iterable[str],
-    channels: Mapping[str, int] = {},
-    *,
-    what: str = "guidance",
-) -> None:
-    """Raise InputError unless the prior ``name`` can work with the observations and ``renders``.
-
-    ``renders``: what is to guide the sample, to be distilled or corrected, by component, each ``provided`` by the prior and of the
-    images' shape, with as many ``channels`` as are said, else 3. ``what``: the word for it.
-    """
-    images, masks, seen = observations.images, observations.masks, tuple(observations.images.shape[:3])
-    if images.ndim != 4 or images.shape[-1] != 3:
-        raise InputError(f"prior={name}: expected images of shape (V, H, W, 3), found {tuple(images.shape)}")
-    unknown = [component for component in renders if component not in set(provided)]
-    if unknown:
-        raise InputError(f"prior={name}: {what}: expected some of {', '.join(sorted(provided))}, found {unknown[0]}")
-    expected = {
-        "masks": (masks, seen),
-        **{f"{what} {name}": (render, (*seen, channels.get(name, 3))) for name, render in renders.items()},
-        "normals": (observations.normals, (*seen, 3)),
-        "visibility": (observations.visibility, (*seen, 1)),
-        "view_count": (observations.view_count, (*seen, 1)),
-    }
-    for tensor, (values, shape) in {"images": (images, (*seen, 3)), **expected}.items():
-        if values is not None and tuple(values.shape) != shape:
-            raise InputError(f"prior={name}: expected {tensor} of shape {shape}, found {tuple(values.shape)}")
-        if values is not None and not bool(torch.isfinite(values).all()):
-            raise InputError(f"prior={name}: expected finite {tensor}, found NaN or Inf")
-
-
-def check_truth(name: str, observations: Observations, components: Iterable[str]) -> None:
-    """Raise InputError unless the observations tell the prior ``name`` the truth of ``components``."""
-    for component in sorted(components):
-        truth = (observations.truth or {}).get(component)
-        found = "none" if truth is None else f"shape {tuple(truth.shape)}"
-        if truth is None or truth.shape != observations.images.shape:
-            shape = tuple(observations.images.shape)
-            raise InputError(f"prior={name}: expected the true {component} of images of shape {shape}, found {found}")
 
 
 def content_number(image: Tensor, mask: Tensor) -> int:

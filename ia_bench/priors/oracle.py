@@ -18,7 +18,6 @@ from torch import Tensor
 
 from ia_bench.common.ranges import NotNegative
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
-from ia_bench.priors.inputs import check_truth, expect_usable
 
 MAX_SCALE = 10.0
 """Largest standard deviation of a log scale: eight of them still make a factor that a float holds."""
@@ -60,8 +59,6 @@ class OraclePrior:
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`. An image's draw is seeded by its place among the others."""
-        expect_usable("oracle", observations, guidance or {}, self.info.provides)
-        check_truth("oracle", observations, self.info.provides)
         truths, guidance = observations.truth or {}, guidance or {}
         values = {}
         for number, component in enumerate(COMPONENTS):

@@ -26,7 +26,7 @@ from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion.encoding import Frame
 from ia_bench.priors.diffusion.sampler import Denoise, NoiseSchedule, SamplerSettings, image_behind, sample
-from ia_bench.priors.inputs import Device, choose_device, content_number, expect_usable
+from ia_bench.priors.inputs import Device, choose_device, content_number
 
 GAMMA = 2.2
 CLIP_MEAN = (0.48145466, 0.4578275, 0.40821073)  # of the images that CLIP was trained on
@@ -87,7 +87,6 @@ class IntrinsicAnythingPrior:
 
         An image's noise is seeded by ``seed``, the component and the image's own content, so that views differ in it.
         """
-        expect_usable("intrinsicanything", observations, guidance or {}, self.info.provides)
         images, masks = observations.images.float(), observations.masks.float()
         cost = Counter(network_calls=0, guided_estimates=0, guided_cut=0)
         frames = {view: frame for view, mask in enumerate(masks) if (frame := Frame.around(mask, self._side, margin=0)) is not None}

@@ -21,7 +21,7 @@ from ia_bench.common.ranges import Number
 from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.diffusion.encoding import box_of
 from ia_bench.priors.diffusion.learned import RegressorPrior, weights_folder
-from ia_bench.priors.inputs import Device, Precision, expect_usable
+from ia_bench.priors.inputs import Device, Precision
 from ia_bench.priors.weight_files import fill, read_description
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 
@@ -85,7 +85,6 @@ class RefinerPrior(RegressorPrior):
     @torch.no_grad()
     def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
         """See :class:`ia_bench.priors.contract.Refiner`. A view without foreground, or an albedo that is black, stays as it is."""
-        expect_usable("refiner", observations, renders, RENDERS, RENDERS, what="fitted")
         lacking = [name for name in RENDERS if name not in renders]
         lacking += [name for name in sorted(WANTS) if getattr(observations, name) is None]
         if lacking:
@@ -159,11 +158,12 @@ class Seen:
     def corrected(self, change: Tensor) -> tuple[Tensor, Tensor]:
         """Albedo (N, H, W, 3), linear, and roughness (N, H, W, 1), premultiplied.
 
-        ``change`` (N, 4, H, W) is that of the albedo's display values and of the roughness.
+        ``change`` (N, 4, H, W) is that of the albedo's display values and of the roughness. A photograph's mask may be less than
+        what the fit covers, so that its straight roughness is above 1: limits hold for premultiplied ones.
         """
         albedo = srgb_to_linear((self.albedo + change[:, :3]).clamp_min(0)).movedim(1, -1) / self.factor
-        roughness = (self.roughness + change[:, 3:]).clamp(0, 1).movedim(1, -1)
-        return albedo * self.mask, roughness * self.mask
+        roughness = (self.roughness + change[:, 3:]).movedim(1, -1) * self.mask
+        return albedo * self.mask, roughness.clamp(0, 1)
 
 
 def see(

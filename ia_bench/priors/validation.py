@@ -1,15 +1,15 @@
-"""The one place where a prior is called: it gets copies, and what it answers is checked before anybody uses it."""
+"""The one place where a prior is called: it gets copies of finite images, and what it answers is checked before anybody uses it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.common.errors import PluginError
+from ia_bench.common.errors import InputError, PluginError
 from ia_bench.common.registry import at_work
 from ia_bench.common.settings import check_fields
 from ia_bench.priors.contract import Distiller, Observations, Prior, PriorInfo, Refiner, Samples
@@ -36,30 +36,42 @@ def check_prior_info(prior: Any) -> None:  # noqa: ANN401 (anything may claim to
 
 
 def ask(prior: Prior, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
-    """The prior's samples, checked and in memory of their own. Raises PluginError, naming the prior, for anything else."""
-    return _asked(prior, "sample", observations, prior.info.provides, seed=seed, guidance=_copied(guidance))
+    """The prior's samples, checked and in memory of their own. Raises PluginError, naming the prior, for anything else.
+
+    Raises InputError where what it is to be shown is not finite.
+    """
+    provides = prior.info.provides
+    return _asked(
+        prior, "sample", provides, observations, guidance, lambda shown, copies: prior.sample(shown, seed=seed, guidance=copies)
+    )
 
 
 def ask_to_distill(prior: Distiller, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Samples:
     """The prior's estimates of ``renders``, checked like samples."""
-    return _asked(prior, "distill", observations, frozenset(renders), _copied(renders), seed=seed)
+    provides = frozenset(renders)
+    return _asked(prior, "distill", provides, observations, renders, lambda shown, copies: prior.distill(shown, copies, seed=seed))
 
 
 def ask_to_refine(prior: Refiner, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
     """The material of ``renders`` as the prior corrects it, checked like samples."""
-    return _asked(prior, "refine", observations, None, _copied(renders))
+    return _asked(prior, "refine", None, observations, renders, lambda shown, copies: prior.refine(shown, copies))
 
 
 def _asked(
     prior: object,
     method: str,
-    observations: Observations,
     provides: frozenset[str] | None,
-    *given: Any,  # noqa: ANN401 (whatever the method takes)
-    **named: Any,  # noqa: ANN401
+    observations: Observations,
+    renders: Mapping[str, Tensor] | None,
+    call: Callable[[Observations, Any], Samples],
 ) -> Samples:
+    images = {**vars(observations), **{f"renders of {name}": render for name, render in (renders or {}).items()}}
+    for what, values in images.items():
+        if isinstance(values, Tensor) and not bool(values.isfinite().all()):
+            raise InputError(f"prior {name_of(prior)}: {method}(): expected finite {what} to show it, found NaN or Inf")
+    copies = None if renders is None else {name: render.clone() for name, render in renders.items()}
     with at_work("prior", name_of(prior)):
-        samples = getattr(prior, method)(observations.copy(), *given, **named)
+        samples = call(observations.copy(), copies)
     return checked(name_of(prior), method, samples, provides, observations.images.shape)
 
 
@@ -132,7 +144,3 @@ def check_numbers(what: str, value: Any, device: str) -> None:  # noqa: ANN401 (
     for fact, expected, found in facts:
         if str(found).removeprefix("torch.") != str(expected):
             raise PluginError(f"{what}: expected {fact} {expected}, found {str(found).removeprefix('torch.')}")
-
-
-def _copied(renders: Mapping[str, Tensor] | None) -> dict[str, Tensor] | None:
-    return None if renders is None else {name: render.clone() for name, render in renders.items()}

@@ -10,8 +10,8 @@ from typing import ClassVar, Literal, TypeVar
 import numpy as np
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import user_path
-from ia_bench.geometry.mesh import load_mesh
+from ia_bench.common.files import files_below, user_path
+from ia_bench.geometry.mesh import load_mesh, named_by_gltf
 from ia_bench.readers.cameras import expect_looking_at_object
 from ia_bench.readers.contract import MESHES, NO_MESH
 from ia_bench.readers.pictures import SUFFIXES
@@ -69,11 +69,12 @@ class FolderReader:
         return [self.folder]
 
     def files(self) -> list[Path]:
-        """The files that decide what is read, in order: those of :meth:`places`, and those that options name."""
+        """The files that decide what is read, in order: those of :meth:`places`, and those that options name and their buffers."""
         given = [getattr(self, option, None) for option in ("mesh", "lights")]
         named = [Path(text).expanduser().absolute() for text in given if text is not None]
-        found = {path for place in (*self.places(), *named) for path in ([place] if place.is_file() else place.rglob("*"))}
-        return sorted(path for path in found if path.is_file() and (path in named or path.suffix.lower() in DATA))
+        named += [buffer for path in named for buffer in named_by_gltf(path, "buffers")]
+        found = {path for place in (*self.places(), *named) for path in files_below(place)}
+        return sorted(path for path in found if path in named or path.suffix.lower() in DATA)
 
     # ---------------------------------------------------------------- which views
     def kept(self, items: Sequence[T]) -> list[T]:

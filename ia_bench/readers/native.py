@@ -60,7 +60,7 @@ class NativeReader:
         mesh: Mesh | None = None
         notes: tuple[str, ...] = (f"no {MESH} in the scene's folder",)
         if os.path.lexists(folder / MESH):  # a link that leads nowhere is a mistake, not a scene without a mesh
-            mesh, notes = load_mesh(file_below(folder, MESH, str(folder)), uv=self._uv)
+            mesh, notes = load_mesh(path := file_below(folder, MESH, str(folder)), uv=self._uv)
         views = {split: self._views(split, truth) for split in SPLITS}
         if not views["train"]:
             raise InputError(f"{folder / 'transforms_train.json'}: a scene needs at least one training view")
@@ -72,11 +72,18 @@ class NativeReader:
         rung = Counter[str]()
         views = {split: tuple(_without_ringing(view, rung) for view in found) for split, found in views.items()}
         notes += tuple(f"{RINGING[name]}: {count} {RANG}" for name, count in sorted(rung.items()) if count)
+        known = self._truth(description) if truth else None
+        if known is not None and mesh is not None and self._uv == "xatlas" and description.get("truth_textures"):
+            try:
+                known = replace(known, mesh=load_mesh(path)[0])  # whose coordinates are those of the true textures
+            except InputError:
+                known = Truth(known.lights)
+                notes += (f"true textures are left out: {MESH} has no coordinates for them",)
         return Scene(
             name=text(str(folder / DESCRIPTION), description, "name", folder.name),
             source=str(folder),
             mesh=mesh,
-            truth=self._truth(description) if truth else None,
+            truth=known,
             notes=notes,
             metallic=description.get("metallic", False),
             train=views["train"],

@@ -80,8 +80,13 @@ class Photo:
 def photograph(path: Path, mask: Path | None, notes: list[str]) -> Photo:
     """A photograph, linear as OpenEXR or 8-bit sRGB as anything else, with the pixels as they are stored, whatever its EXIF says.
 
-    ``mask`` is a file of its own, None where the picture's alpha is the mask. Raises InputError where there is neither.
+    ``mask`` is a file of its own, None where the picture's alpha is the mask. Raises InputError where there is neither, and for
+    a file of another suffix than SUFFIXES, which would be no part of what a run is known by.
     """
+    for file in filter(None, (path, mask)):
+        if file.suffix.lower() not in SUFFIXES:
+            found = file.suffix or "no suffix"
+            raise InputError(f"{file}: expected a photograph or mask with one of the suffixes {', '.join(SUFFIXES)}, found {found}")
 
     def notice(note: str) -> None:  # what all photographs share is one note
         notes.append(note.removeprefix(f"{path}: its ") if note.endswith((IGNORED, REDUCED)) else note)

@@ -18,14 +18,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 from PIL import Image
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, is_file, read_json, shown
-from ia_bench.geometry.mesh import parsed_by_trimesh, placed_parts
+from ia_bench.geometry.mesh import named_by_gltf, parsed_by_trimesh, placed_parts
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import expect_size_to_read, read_exr
 from ia_bench.scenes.photograph import picture_values, read_values
@@ -79,12 +78,9 @@ def asset_files(path: Path) -> list[Path]:
             names = {name for lines in values for key, name in lines.items() if key.startswith("map_")}
             beside = [materials.parent / _texture_name(materials, name) for name in names] if materials else []
             return [path, *([materials] if materials else []), *sorted(file for file in beside if file.is_file())]
-        if path.suffix.lower() == ".gltf":
-            listed = [*read_json(path).get("buffers", []), *read_json(path).get("images", [])]
-            return [path, *(path.parent / name for one in listed if (name := _uri(one)) and (path.parent / name).is_file())]
     except (InputError, OSError, TypeError, AttributeError, ValueError):  # told when it is read
-        pass
-    return [path]
+        return [path]
+    return [path, *named_by_gltf(path, "buffers", "images")]
 
 
 def wound(faces: np.ndarray, matrix: np.ndarray) -> np.ndarray:
@@ -186,11 +182,6 @@ def _picture(path: Path, picture: Image.Image) -> np.ndarray:
         return picture_values(path, picture)
     except (OSError, SyntaxError, ValueError) as error:
         raise InputError(f"{path}: expected pictures that can be read, found one that cannot ({error})") from None
-
-
-def _uri(entry: Mapping[str, Any]) -> str:
-    uri = str(entry.get("uri", ""))
-    return "" if uri.startswith("data:") else unquote(uri)
 
 
 # ---- OBJ with MTL --------------------------------------------------------------------------------------------------

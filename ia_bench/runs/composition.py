@@ -10,6 +10,7 @@ from dataclasses import MISSING, asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
@@ -27,6 +28,8 @@ from ia_bench.scores.protocol import Protocol
 
 OPTIONS = ("fit.", "method.options.", "prior.options.", "coupling.options.", "reader.options.")
 """What begins the names of settings that belong to a plugin."""
+PLAIN = re.compile(r"(?!(?i:null|true|false|nan|inf)$)[./]*[A-Za-z_][A-Za-z0-9_./-]*")
+"""Texts that Hydra takes for texts without quotes."""
 _stored: dict[tuple[str | None, str], dict[str, Any]] = {}
 
 
@@ -64,15 +67,23 @@ def _store(group: str | None, name: str, content: dict[str, Any]) -> None:
         _stored[group, name] = content
 
 
-def written(value: Any) -> str:  # noqa: ANN401 (of a setting)
-    """A value as Hydra's grammar has it, whatever characters it holds."""
+def written(value: Any, key: str = "setting") -> str:  # noqa: ANN401 (of a setting)
+    """A value as Hydra's grammar has it, whatever characters it holds. Raises InputError, naming ``key``, for what JSON has not."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{written(key)}: {written(part)}" for key, part in value.items()) + "}"
+        return "{" + ", ".join(f"{written(name, key)}: {written(part, key)}" for name, part in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(written, value))}]"
+        return f"[{', '.join(written(part, key) for part in value)}]"
     if isinstance(value, str | Path):
         return "'" + str(value).replace("\\'", "\\\\'").replace("'", "\\'") + "'"
-    return json.dumps(value)
+    try:
+        return json.dumps(value.item() if isinstance(value, np.generic) else value)
+    except (TypeError, ValueError):
+        raise InputError(f"{key}: expected a number, a text, a list or a table, found {type(value).__name__}") from None
+
+
+def setting(key: str, value: Any) -> str:  # noqa: ANN401 (of a setting)
+    """``key=value`` for :func:`compose`; a text stands without quotes where it can."""
+    return f"{key}={value}" if isinstance(value, str | Path) and PLAIN.fullmatch(str(value)) else f"{key}={written(value)}"
 
 
 def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
@@ -91,9 +102,16 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
         with initialize_config_dir(str(conf_folder()), version_base="1.3"):
             content = OmegaConf.to_container(hydra_compose("config", list(overrides)), resolve=True)
         assert isinstance(content, dict)
-        return replace(resolved({str(key): value for key, value in content.items()}, here), command=given)
+        config = replace(resolved({str(key): value for key, value in content.items()}, here), command=given)
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(explain(error)) from error
+    asked = next((text.partition("=")[2].strip("'\" ") for text in given if text.startswith("coupling=")), config.coupling.name)
+    if asked != config.coupling.name:  # a prior's file that sets a coupling comes after it
+        prior, brought = config.prior, config.coupling.name
+        plain = next((name for name, plugin in registry.built_in("prior").items() if plugin.target == prior.target), prior.name)
+        instead = f"use prior={plain} coupling={asked}"
+        raise InputError(f"coupling: expected {brought}, which prior={prior.name} brings, found {asked}; {instead}")
+    return config
 
 
 def _group_by_name(setting: re.Match[str]) -> str:
@@ -111,7 +129,8 @@ def explain(error: Exception) -> str:
     if isinstance(error, OverrideParseException):
         first = str(error.message).splitlines()[0]
         written = str(error.override).removeprefix("++")
-        return f"cannot read '{written}': {first}. Expected key=value; quote values that contain , = : or spaces"
+        advice = "quote values that contain , = : # ( ), quotes, spaces or letters beyond ASCII"
+        return f"cannot read '{written}': {first}. Expected key=value; {advice}"
     if isinstance(cause, ConfigKeyError | ConfigAttributeError) and cause.full_key:
         parent, _, last = str(cause.full_key).rpartition(".")
         node = cause.parent_node

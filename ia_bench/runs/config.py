@@ -215,6 +215,13 @@ def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None)
     raise InputError(message)
 
 
+def expect_outside(key: str, place: Path, scene: SceneConfig, reader: ReaderConfig) -> None:
+    """Raise InputError, naming ``key``, for a ``place`` in the scene's folder, whose content is part of a run's identity."""
+    folder = resolve_scene_folder(scene, reader)
+    if folder is not None and Path(os.path.realpath(place)).is_relative_to(os.path.realpath(folder)):
+        raise InputError(f"{key}={place}: expected a place outside of the scene's folder, found one in {folder}")
+
+
 def slug(text: str) -> str:
     """A label as a folder name: ``oracle w/o guided`` becomes ``oracle-w-o-guided``."""
     return "-".join("".join(c if c.isalnum() or c in "_." else " " for c in text).split())

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.runs.composition import compose
@@ -86,13 +87,10 @@ def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[P
         for part, values, brightness in kinds if parts.samples > 1 else kinds[:1]:
             pictures[part] = _shown(values, parts.mask, brightness)
             write_exr(folder / f"{name}_{part}.exr", np.dstack([values, parts.mask]), half=False)
-            pictures[part].save(folder / f"{name}_{part}.png")
-            written += [folder / f"{name}_{part}.exr", folder / f"{name}_{part}.png"]
+            written += [folder / f"{name}_{part}.exr", _save(pictures[part], folder / f"{name}_{part}.png")]
     captions = {part: part.replace("_spread", f" {SPREAD_GAIN:g} x spread") for part in pictures}
-    labelled([[(captions[part], picture) for part, picture in pictures.items()]], width=len(pictures) * SHEET).save(
-        folder / f"{name}_sheet.png"
-    )
-    return [*written, folder / f"{name}_sheet.png"]
+    sheet = labelled([[(captions[part], picture) for part, picture in pictures.items()]], width=len(pictures) * SHEET)
+    return [*written, _save(sheet, folder / f"{name}_sheet.png")]
 
 
 def make_prior(name: str, options: Mapping[str, Any], overrides: Sequence[str] = ()) -> Any:  # noqa: ANN401 (any prior)
@@ -157,6 +155,12 @@ def reduced(radiance: np.ndarray, coverage: np.ndarray, size: int) -> tuple[np.n
     planes = np.moveaxis(np.dstack([radiance, coverage]), -1, 0)
     stacked = np.stack([np.asarray(Image.fromarray(one).resize(shape, Image.Resampling.BOX)) for one in planes], -1).clip(0)
     return np.ascontiguousarray(stacked[..., :3]), stacked[..., 3].clip(0, 1)
+
+
+def _save(picture: Image.Image, path: Path) -> Path:
+    with whole_file(path) as partial:
+        picture.save(partial)
+    return path
 
 
 def _shown(linear: np.ndarray, mask: np.ndarray, exposure: float) -> Image.Image:

@@ -17,12 +17,21 @@ from typing import Any
 
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import hash_of_files, shown
+from ia_bench.common.files import files_below, hash_of_files, shown
 from ia_bench.common.machine import environment
 from ia_bench.common.ranges import NO_NUMBER
-from ia_bench.runs.config import NATIVE_READER, ReaderConfig, RunConfig, SceneConfig, method_of, resolve_scene_folder, slug
+from ia_bench.runs.config import (
+    NATIVE_READER,
+    ReaderConfig,
+    RunConfig,
+    SceneConfig,
+    expect_outside,
+    method_of,
+    resolve_scene_folder,
+    slug,
+)
 
-IDENTITY_VERSION = 10
+IDENTITY_VERSION = 11
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
 LABELS = ("command", "out", "row", "preset", "fit")
 """Settings that decide no number: what a run is called, where its results go, and what other settings already hold."""
@@ -53,6 +62,8 @@ def identity(config: RunConfig) -> dict[str, Any]:
         del content["render"]["control_variate"]  # likewise, for without indirect light, or where the light turns, there is none
     if config.reader.target != NATIVE_READER and config.render.metallic == "auto":
         content["render"]["metallic"] = "by evidence"  # which has changed where scenes do not say it: native ones all do
+    if config.reader.target == NATIVE_READER and config.reader.options.get("uv") == "xatlas":
+        content["reader"]["true_textures"] = "on the mesh as stored"  # and not on the new coordinates, as in runs of before
     for plugin, options in _plugins(config):
         paths, folders = _files_of(plugin, options), _paths_in(options)
         content[plugin.kind] |= {
@@ -96,8 +107,14 @@ def labels(config: RunConfig, content: Mapping[str, Any]) -> dict[str, Any]:
 def setup(config: RunConfig) -> dict[str, Any]:
     """What config.json keeps beside the identity: the command line and the configuration, which can be run again from anywhere."""
     paths = [path for plugin, options in _plugins(config) for path in _files_of(plugin, options)]
-    settings = _mapped(asdict(config), lambda text: str(_path_in(text, paths) or text))
+    settings = from_anywhere(asdict(config), paths)
     return {"command": shlex.join(("ia-bench", "run", *settings.pop("command"))), "config": settings}
+
+
+def from_anywhere(settings: Mapping[str, Any], paths: Collection[Path] = ()) -> dict[str, Any]:
+    """``settings`` that mean the same in every current folder: files and folders that they name, and ``paths``, are absolute."""
+    found: dict[str, Any] = _mapped(settings, lambda text: str(_path_in(text, paths) or text))
+    return found
 
 
 def protocol_hash(content: Mapping[str, Any]) -> str:
@@ -114,15 +131,13 @@ def hash_of(content: Mapping[str, Any]) -> str:
 def run_folder(config: RunConfig, key: str) -> Path:
     """Where a resolved run with the hash ``key`` leaves its results: ``out``, or ``runs/<scene>/<row>-<hash>``.
 
-    Raises InputError for a place in the scene's folder, whose content is part of a run's identity.
+    Raises InputError for a place in the scene's folder.
     """
     if config.out is not None:
         folder = Path(config.out).expanduser()
     else:
         folder = Path("runs", slug(config.scene.name), f"{slug(config.row_name)}-{key[:8]}")
-    scene = resolve_scene_folder(config.scene, config.reader)
-    if scene is not None and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(scene)):
-        raise InputError(f"out={folder}: expected a folder outside of the scene's, found one in {scene}")
+    expect_outside("out", folder, config.scene, config.reader)
     return folder
 
 
@@ -132,10 +147,8 @@ def _content(root: Path, paths: Iterable[Path] | None = None) -> str:
     Documents decide nothing.
     """
     try:
-        found: list[Path] = []
-        for path in [root] if paths is None else paths:
-            found += [path] if path.is_file() else sorted(path.rglob("*"))
-        return hash_of_files(root, [path for path in found if path.is_file() and path.suffix != ".md"])
+        found = [file for path in ([root] if paths is None else paths) for file in files_below(path)]
+        return hash_of_files(root, [path for path in found if path.suffix != ".md"])
     except OSError as error:
         raise InputError(f"{shown(error.filename or root)}: expected a file that can be read, found: {error.strerror}") from None
 
@@ -165,12 +178,12 @@ def _deciding(settings: Any) -> Any:  # noqa: ANN401 (a dataclass, or a value in
 
 
 def _mapped(value: Any, change: Callable[[str], str]) -> Any:  # noqa: ANN401 (JSON)
-    """JSON with ``change`` applied to every text that is a value; keys stay as they are."""
+    """JSON with ``change`` applied to every text or path that is a value; keys stay as they are."""
     if isinstance(value, Mapping):
         return {key: _mapped(part, change) for key, part in value.items()}
     if isinstance(value, list | tuple):
         return [_mapped(part, change) for part in value]
-    return change(value) if isinstance(value, str) else value
+    return change(str(value)) if isinstance(value, str | Path) else value
 
 
 def _path_in(text: str, paths: Collection[Path] = ()) -> Path | None:

@@ -6,6 +6,7 @@ every file that it wrote. What is read of a pack is somebody else's: sizes beyon
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import re
 import zipfile
@@ -18,8 +19,8 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 
 from ia_bench.common.atomic_file import whole_file
-from ia_bench.common.errors import InputError
-from ia_bench.common.files import read_json, shown, user_path
+from ia_bench.common.errors import Fault, InputError
+from ia_bench.common.files import files_below, read_json, shown, user_path
 from ia_bench.common.ranges import Name
 from ia_bench.common.registry import THE_COMMAND_LINE, named
 from ia_bench.common.settings import parsed, parsed_file
@@ -35,6 +36,8 @@ BROUGHT_PICTURES, ORDER = "brought", "order.json"
 MOST_MEMBERS, ALL_BYTES = 20_000, 8 << 30  # of files in a pack: how many, and of all, unpacked
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError)
 """What zipfile raises for a file that is none, is cut off, encrypted, or packed in a way that it does not know."""
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+"""What the disk says that is written to, and the pack is not to blame for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +119,7 @@ def unpack(path: Path, out: Path) -> Manifest:
 
     Hashes are not asked about (:func:`problems`); nothing is written outside of ``out`` (:meth:`zipfile.ZipFile.extract`). Raises
     InputError for a file that is no pack, is damaged, too large, lacks a file, or has one that its manifest does not list.
+    Raises Fault where ``out`` has no room for it.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -137,6 +141,8 @@ def unpack(path: Path, out: Path) -> Manifest:
                 archive.extract(name, out)
             return manifest
     except BROKEN as error:
+        if isinstance(error, OSError) and error.errno in NO_ROOM:
+            raise Fault(f"{shown(path)}: cannot be unpacked into {out} ({error.strerror})") from None
         raise InputError(f"{shown(path)}: expected a pack, found no readable zip file ({shown(error)})") from None
 
 
@@ -188,7 +194,7 @@ def _brought(folder: Path) -> dict[str, Path]:
         return {}
     options = method.options
     root, order = user_path("method.options.path", str(options.get("path")), folder=True), options.get("order")
-    pictures = [path for path in sorted(root.rglob("*")) if path.suffix in SUFFIXES and path.is_file()]
+    pictures = [path for path in files_below(root) if path.suffix in SUFFIXES]
     found = {path.relative_to(root).as_posix(): path for path in pictures}
     found |= {} if order in ORDERS else {ORDER: user_path("method.options.order", str(order))}
     return {f"{BROUGHT_PICTURES}/{name}": path for name, path in found.items()}

@@ -43,7 +43,7 @@ class Recovered:
     """A finished run.
 
     Attributes:
-        folder: The run's folder.
+        folder: The run's folder, absolute.
         record: Its metrics.json.
         setup: Its config.json.
         config: The configuration in it.
@@ -56,7 +56,7 @@ class Recovered:
         self.record = RunRecord.read(folder)
         if self.record.status != "ok":
             raise InputError(f"{folder / METRICS_FILE}: expected a finished run, found status {self.record.status!r}")
-        self.folder, self.setup = folder, RunSetup.read(folder)
+        self.folder, self.setup = folder.absolute(), RunSetup.read(folder)
         self.config = parsed_file(RunConfig, folder / CONFIG, self.setup.config, "config: ")
         scene = self.setup.identity.get("scene")
         self.scene_content = scene.get("content") if isinstance(scene, dict) else None
@@ -97,7 +97,8 @@ class Recovered:
             unknown = self.record.reasons.get("roughness.mse", "").startswith("the method does not predict")
             assumed = frozenset({"roughness"} if unknown else ())
         material = Material(texture("albedo", 3), texture("roughness", 1), optional("metallic", 1))
-        turning = self.record.capture.get("turning")
+        heeded = self.record.counts.get("textures", {}).get("light_turns", 1)  # not told in former records
+        turning = self.record.capture.get("turning") if heeded else None
         coat = "added" if ADDED in self.record.renderer else "layered"  # of a brought asset, whatever its run was given
         return TexturedReconstruction(
             stage, material, optional("light", 3), coat=coat, assumed=assumed, turning=turning and TurningLight.of_record(turning)
@@ -142,13 +143,15 @@ class Rescorer:
         key = hash_of(content)
         place = self.out / slug(record.scene) / f"{slug(record.row)}-seed{record.seed}-{key[:8]}"
         given = {"command": run.setup.command, "config": {**run.setup.config, "protocol": asdict(self.protocol)}}
+        if place.is_dir():  # none is made before a run has been scored, which may not be possible
+            with RunFolder(place, content, key, setup=given) as kept:
+                if kept.finished() is not None:
+                    return place
+        progress = progress or Progress(quiet=True)
+        scores = self.score(run, progress.task).as_dict()
+        scale = drawn_scale(scores["albedo_scales"], self.protocol.alignment)
+        title = f"{record.scene}, {record.row}, seed {record.seed}"
         with RunFolder(place, content, key, setup=given) as kept:
-            if kept.finished() is not None:
-                return place
-            progress = progress or Progress(quiet=True)
-            scores = self.score(run, progress.task).as_dict()
-            scale = drawn_scale(scores["albedo_scales"], self.protocol.alignment)
-            title = f"{record.scene}, {record.row}, seed {record.seed}"
             write_bundle(kept, self._scene, self._scorer.drawn, scale, title, progress)
             for name in ASSETS:
                 if (folder / name).is_file():

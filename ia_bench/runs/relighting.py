@@ -25,10 +25,11 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import Fault, InputError, first_line, unknown
 from ia_bench.common.machine import expect_memory
 from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.readers.contract import SPLITS
 from ia_bench.render.asset_files import read_asset
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.settings import REFERENCE_LIGHT_ROWS as LIGHT_ROWS
-from ia_bench.render.stage import Stage
+from ia_bench.render.stage import Stage, camera_key
 from ia_bench.runs.pictures.drawing import exposure
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.color import linear_to_srgb
@@ -88,8 +89,9 @@ def of_asset(path: Path, device: torch.device, note: Callable[[str], None], up: 
 def frames_of(views: str, turn: int, mesh: Mesh, scene: Scene | None, size: int) -> list[Frame]:
     """The pictures to draw, ``size`` pixels high.
 
-    ``views``: STILL or the name of a view of the scene, with a light that turns once in ``turn`` steps; ORBIT, an object that
-    turns once under a light that stands; TEST, every held-out view. Raises InputError for what the scene has not.
+    ``views``: STILL or the name of a view of the scene, "0001" or "test/0001", with a light that turns once in ``turn`` steps;
+    ORBIT, an object that turns once under a light that stands; TEST, every held-out view. Raises InputError for what the scene
+    has not, and for a name of several cameras.
     """
     turns = [2 * math.pi * step / turn for step in range(turn)]
     if views == ORBIT:  # the object stands, and camera and light go round it
@@ -104,10 +106,13 @@ def frames_of(views: str, turn: int, mesh: Mesh, scene: Scene | None, size: int)
         if turn > 1:
             raise InputError(f"turn: expected none with views={TEST}, found {turn}")
         return [Frame(_sized(view.camera, size)) for view in scene.test]
-    known = {view.name: view.camera for view in (*scene.train, *scene.novel, *scene.test)}
-    if views not in known:
+    known = {f"{split}/{view.name}": view for split in SPLITS for view in getattr(scene, split)}
+    found = {name: view.camera for name, view in known.items() if views in (name, view.name)}
+    if not found:
         raise InputError(f"views: {unknown('view', views, [STILL, ORBIT, TEST, *known])}")
-    return [Frame(_sized(known[views], size), angle) for angle in turns]
+    if len({camera_key(camera) for camera in found.values()}) > 1:
+        raise InputError(f"views: expected one of {', '.join(found)}, found {views}, which is the name of several cameras")
+    return [Frame(_sized(camera, size), angle) for camera in [*found.values()][:1] for angle in turns]
 
 
 def draw(

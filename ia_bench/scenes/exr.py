@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 from pathlib import Path
 
@@ -110,7 +112,9 @@ def write_exr(path: Path, image: np.ndarray, *, half: bool = True) -> None:
         try:
             file.write(str(partial))
         except RuntimeError as error:  # what OpenEXR makes of a full disk: a sentence with the path, and one that says why
-            raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
+            why = str(error).rpartition('". ')[2].rstrip(".")
+            number = next((one for one in errno.errorcode if os.strerror(one) == why), errno.EIO)
+            raise OSError(number, why, str(path)) from error
 
 
 # ---------------------------------------------------------------- Radiance pictures (.hdr)

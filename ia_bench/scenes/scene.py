@@ -190,7 +190,8 @@ def farthest_first(views: Sequence[View], middle: np.ndarray) -> list[int]:
 class Truth:
     """Ground truth of a whole scene: ``lights`` name -> (H, W, 3) radiance; textures are linear, albedo (T, T, 3), others (T, T).
 
-    ``mesh`` is the true one, to which the textures belong, where a capture has put another one into its place; else None.
+    ``mesh`` is the true one, to which the textures belong, where a capture or new texture coordinates have put another one into its
+    place; else None.
     """
 
     lights: dict[str, np.ndarray]

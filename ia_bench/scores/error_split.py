@@ -32,6 +32,7 @@ WIDTH = 0.05  # of the Gaussian that smooths, over the diagonal of the surface's
 CELLS = 2  # along that width; errors are smoothed on a grid
 STEPS = 6  # toward the factor, each of which leaves a small part of the error of the one before
 GAMMA = 2.2  # the power by which encoded values become linear, about
+DARK = 0.1  # of sRGB means: below, that is no power any more, but nearly linear
 DARKEST = 1e-6  # a mean below it is not told from black
 
 
@@ -127,7 +128,9 @@ def _factor(predicted: np.ndarray, encoded: np.ndarray, protocol: Protocol) -> n
         wanted = encoded.mean(0)
         for _ in range(STEPS):
             mean = _encoded(predicted * factor, protocol).mean(0)
-            factor = np.where((mean > DARKEST) & (wanted > DARKEST), factor * (wanted / np.maximum(mean, DARKEST)) ** GAMMA, 1.0)
+            curved = (protocol.albedo_encoding == "srgb") & (np.maximum(mean, wanted) > DARK)
+            step = (wanted / np.maximum(mean, DARKEST)) ** np.where(curved, GAMMA, 1.0)  # too large a power would never arrive
+            factor = np.where((mean > DARKEST) & (wanted > DARKEST), factor * step, 1.0)
     return factor
 
 

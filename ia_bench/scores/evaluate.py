@@ -61,7 +61,7 @@ class Scores:
     """Numbers of one run, each a number, +inf (PSNR of identical images) or None, with the reason of every non-number.
 
     What each holds is said of :class:`ia_bench.runs.record.RunRecord`, which keeps them; ``counts["textures"]`` has texels, and
-    those that are drawn rougher than they are.
+    those that are drawn rougher than they are; of a scene whose light turns, also whether theirs does (1 or 0).
     """
 
     protocol: Protocol

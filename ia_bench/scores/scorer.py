@@ -156,6 +156,9 @@ class Scorer:
             record_all(scores, redrawn, truth, METRICS, REDRAWN)
         if self.drawn is not None:
             scores.counts["textures"] = self.drawn[0].counts()
+            if self._scene.turning is not None:  # a method need not heed it: what is scored again is to be what was scored
+                turns = getattr(self.drawn[0].environment, "turning", None) is not None
+                scores.counts["textures"]["light_turns"] = int(turns)
         task.advance(task.total - task.done)
         scores.geometry.update(self._geometry(None if self.drawn is None else self.drawn[0].mesh))
         for name in self._novel:
@@ -264,7 +267,8 @@ class Scorer:
     def _exported(self, reconstruction: Reconstruction) -> TexturedReconstruction | None:
         """The textures and the light of a method with another renderer than the reference; None where there are none."""
         assets = None if reconstruction.renderer == REFERENCE else reconstruction.assets()
-        return None if assets is None else TexturedReconstruction.of(assets, self._stage_of(assets.mesh))
+        turning = getattr(reconstruction.environment, "turning", None)  # which assets do not tell
+        return None if assets is None else TexturedReconstruction.of(assets, self._stage_of(assets.mesh), turning)
 
     def _stage_of(self, mesh: Mesh) -> Stage:
         """The stage of what was exported, kept for the next scores of the same mesh."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from broken_priors import BROKEN, Lenient, Offering, Sound, changed, spoiled
+from broken_priors import BROKEN, Offering, Remembering, Sound, changed, spoiled
 from torch import Tensor
 
 from ia_bench.checks.conformance import check_prior
@@ -110,8 +110,8 @@ def test_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     shown = capsys.readouterr().out
     assert shown.splitlines()[-1].endswith(" passed, 0 failed, 0 skipped")
     assert " samples: albedo, specular: finite float32 tensors on the CPU, without gradient\n" in shown
-    assert main([f"prior={Lenient.__module__}:Lenient"]) == 1
-    assert "a NaN pixel: expected a ValueError" in capsys.readouterr().out
+    assert main([f"prior={Remembering.__module__}:Remembering"]) == 1
+    assert "✗ the same geometry again: expected the same sample to the bit" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

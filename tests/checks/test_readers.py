@@ -173,7 +173,8 @@ def test_the_command(
     assert capsys.readouterr().out.splitlines()[-1].endswith(" passed, 0 failed, 0 skipped")
     assert (tmp_path / "runs" / "contact_sheets" / "tiny.png").is_file()
     assert not (tmp_path / "runs" / "tiny").exists()  # where runs of the scene lie, and nothing else
-    assert main(["reader=native", f"scene.path={tmp_path}"]) == 1
+    (tmp_path / "empty").mkdir()
+    assert main(["reader=native", f"scene.path={tmp_path / 'empty'}"]) == 1
     assert "scene.json: no such file" in capsys.readouterr().out
     for words, message in [
         (["reader=native", "prior=none"], "unknown setting of ia-bench check 'prior'"),

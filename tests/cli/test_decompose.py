@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+import weakref
 
 import numpy as np
 import pytest
@@ -68,6 +69,26 @@ def test_large_pictures_are_reduced_in_linear_light(tmp_path, weights):
     parts = decompose(tmp_path / "stripes.png", options={"weights": weights, "steps": 1}, samples=1, size=32)
     assert parts.image.shape == (16, 32, 3)
     np.testing.assert_allclose(parts.image, 0.5, atol=1e-6)
+
+
+def test_pictures_are_reduced_one_by_one_and_written_whole_or_not_at_all(tmp_path, weights, monkeypatch):
+    large = []
+
+    def read(path, mask, notice):
+        assert [one() for one in large] == [None] * len(large)
+        radiance = np.full((64, 64, 3), 0.5, np.float32)
+        large.append(weakref.ref(radiance))
+        return radiance, np.ones((64, 64), np.float32)
+
+    def save(picture, path):
+        path.write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ia_bench.cli.decompose.read_photograph", read)
+    monkeypatch.setattr(Image.Image, "save", save)
+    assert main(["a.png", "b.png", *arguments(weights, tmp_path / "out"), "--size", "16"]) == 130
+    assert len(large) == 2
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["a_albedo.exr"]
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ def test_a_capture_is_written_and_read_back_by_the_printed_command(
     monkeypatch.chdir(tmp_path)
     if name == "colmap":
         pytest.importorskip("pycolmap", reason="needs the extra colmap")
-    assert main(["export", "tiny", "out", "--format", name, "capture.views=8"]) == 0
+    assert main(["export", "tiny", "its (ü) folder", "--format", name, "capture.views=8"]) == 0
     command = shlex.split(capsys.readouterr().out.splitlines()[-1])
     assert command[:2] == ["ia-bench", "check"]
     config = compose(command[2:])
@@ -50,11 +50,15 @@ def test_a_capture_without_a_mesh_is_written_without_one(
     tiny: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    write_blender(tmp_path / "theirs", replace(tiny, mesh=None))
-    assert main(["export", "theirs", "out", "--format", "llff", "reader=nerfstudio", "capture.radiometry=ldr"]) == 0
+    theirs = "theirs, (ü) #1"
+    write_blender(tmp_path / theirs, replace(tiny, mesh=None))
+    (tmp_path / "out").mkdir()
+    assert main(["export", theirs, "out", "--format", "llff", "reader=nerfstudio", "capture.radiometry=ldr"]) == 0
     assert not (tmp_path / "out" / "mesh.obj").exists()
-    assert main(["export", "theirs", "full", "--format", "neilf", "reader=nerfstudio"]) == 2
-    assert capsys.readouterr().err.splitlines()[-1].endswith("expected a mesh, found none")
+    for out, says in (("half", "expected a mesh, found none"), (f"{theirs}/out", "expected a place outside of the scene's folder")):
+        assert main(["export", theirs, out, "--format", "neilf", "reader=nerfstudio"]) == 2
+        assert says in capsys.readouterr().err.splitlines()[-1]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", theirs]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,9 @@
 """Packs through the command line: what is packed is verified, whatever is manipulated is found, and a board has rows by authors."""
 
+import errno
 import hashlib
 import json
+import re
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -70,6 +72,10 @@ def changed(name: str, change: Callable[[Any], None]) -> Callable[[Files, str], 
     return spoil
 
 
+def no_room(*_: object) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
 def better(record: Any) -> None:
     record["metrics"]["albedo"]["psnr"] += 3
 
@@ -129,9 +135,15 @@ def test_another_scene_is_found(pack: Path, tmp_path: Path, capsys: pytest.Captu
     assert "expected the files of the run's scene, tiny, found other ones" in told
 
 
-def test_a_broken_pack_is_one_sentence_and_the_others_go_on(pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_broken_pack_is_one_sentence_and_the_others_go_on(
+    pack: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "broken.zip").write_bytes(pack.read_bytes()[:-3000])
     shutil.copyfile(pack, tmp_path / "whole.zip")
+    with monkeypatch.context() as full:
+        full.setattr(zipfile.ZipFile, "extract", no_room)
+        assert main(["verify", str(tmp_path / "whole.zip")]) == 1
+        assert re.search(r"whole\.zip: cannot be unpacked into .* \(No space left on device\)", capsys.readouterr().err)
     assert main(["verify", str(tmp_path)]) == 1
     told = capsys.readouterr()
     assert "broken.zip: expected a pack, found no readable zip file" in told.err
@@ -195,13 +207,24 @@ def test_a_board_has_rows_by_who_brought_them_and_marks_what_is_verified(
     other = packed(runs / "oracle", tmp_path / "other.zip", "B. Other | <C>")
     assert main(["verify", str(pack), "--out", str(tmp_path / "result.json")]) == 0
     damaged = spoiled(pack, tmp_path / "damaged.zip", changed("metrics.json", better))
-    given = [str(pack), str(other), damaged, "--out", str(tmp_path / "board"), "--verified", str(tmp_path / "result.json")]
+    (tmp_path / "more" / "unread.zip").mkdir(parents=True)
+    given = [
+        str(pack),
+        str(other),
+        damaged,
+        str(tmp_path / "more"),
+        "--out",
+        str(tmp_path / "board"),
+        "--verified",
+        str(tmp_path / "result.json"),
+    ]
     kept = [tmp_path / "board" / "packs" / name for name in ("mine.zip", "mine/notes.txt")]  # the folder may be somebody's
     for path in kept:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("of mine")
-    assert main(["board", *given]) == 1  # one pack was left out
+    assert main(["board", *given]) == 1  # packs were left out
     told = capsys.readouterr()
+    assert "unread.zip: expected a pack, found none that can be read; the pack is left out" in told.err
     assert "damaged.zip: runs/tiny/none" in told.err
     assert "| none (A. Author, verified) |" in told.out
     assert "brought by A. Author https://example.org/paper; 1 of 1 runs scored again with the same result" in told.out
@@ -230,12 +253,15 @@ def test_what_other_software_made_is_scored_again_from_its_pictures_or_its_asset
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["score", str(runs / "none"), "--pictures", str(tmp_path / "pictures")]) == 0
+    (tmp_path / "pictures" / "albedo").rename(tmp_path / "elsewhere")
+    (tmp_path / "pictures" / "albedo").symlink_to(tmp_path / "elsewhere")
     for name, what in (("pictures", tmp_path / "pictures"), ("asset", runs / "none" / "asset.glb")):
         given = f"--scene tiny --row {name} --seconds 77 render.coat=added".split()
         given += ["--out", str(tmp_path / "runs" / name), *SMALL[1:]]
         assert main(["score", str(what), *given]) == 0
         packed(tmp_path / "runs" / name, tmp_path / "packs" / f"{name}.zip", "C. Third")
-    shutil.rmtree(tmp_path / "pictures")  # on another machine it is not there
+    for folder in ("pictures", "elsewhere"):
+        shutil.rmtree(tmp_path / folder)  # on another machine it is not there
     assert main(["verify", str(tmp_path / "packs")]) == 0
     assert "2 verified" in capsys.readouterr().out
     header = "protocol,row,scene,seed,status,reason,albedo_psnr"  # of a table that lies beside them, whose one cell failed

@@ -15,6 +15,7 @@ from ia_bench.cli.main import main
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.runs.relighting import Frame, _around, _behind, _turned, frames_of
 from ia_bench.scenes.exr import write_exr
+from ia_bench.scenes.scene import Scene
 from tests.shapes import sphere
 
 QUICK = ["--size", "48", "--samples", "18", "--threads", "1"]
@@ -56,6 +57,12 @@ def test_an_object_that_turns_does_so_before_a_light_that_stands() -> None:
         np.testing.assert_allclose(picture, pictures[0], atol=1e-4)
     centre = frames[0].camera.position * (1, 1, 0)
     assert np.cross(centre, frames[1].camera.position * (1, 1, 0))[2] > 0  # counter-clockwise
+
+
+def test_a_view_of_any_split_is_seen(tiny: Scene) -> None:
+    for name, view in {"train/0001": tiny.train[1], "test/0001": tiny.test[1], tiny.train[9].name: tiny.train[9]}.items():
+        (frame,) = frames_of(name, 1, tiny.mesh, tiny, 24)
+        np.testing.assert_array_equal(frame.camera.to_world, view.camera.to_world)
 
 
 def test_a_still_is_transparent_and_lights_are_side_by_side(
@@ -135,6 +142,7 @@ def test_bad_input_is_one_sentence(ceiling: Path, light: Path, tmp_path: Path, c
         "--out: expected a name that ends with .png": relit(ceiling, light, tmp_path / "a.bmp"),
         "expected light or white with .gif": relit(ceiling, light, tmp_path / "a.gif", "--background", "transparent"),
         "unknown view 'tst'; did you mean 'test'?": relit(ceiling, light, out, "--views", "tst"),
+        "expected one of train/0000, test/0000, novel/0000, found 0000": relit(ceiling, light, out, "--views", "0000"),
         "which has no photographs, found test": relit(ceiling / "asset.glb", light, out, "--views", "test"),
         "turn: expected none with views=test, found 3": relit(ceiling, light, out, "--views", "test", "--turn", "3"),
     }

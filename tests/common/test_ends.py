@@ -3,6 +3,7 @@
 import argparse
 import errno
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from ia_bench.cli.table import parse
 from ia_bench.common import machine
 from ia_bench.common.arguments import at_least
-from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.atomic_file import whole_file, whole_folder
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import FAULT, status_of
 
@@ -22,6 +23,9 @@ def test_a_file_appears_when_its_block_ends(tmp_path: Path) -> None:
         assert partial.suffix == ".svg"
         partial.write_text("after")
         assert path.read_text() == "before"
+        with whole_file(path) as other:  # of a process on another machine, which may have the same number
+            other.write_text("between")
+        assert path.read_text() == "between"
     assert path.read_text() == "after"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -39,6 +43,21 @@ def test_what_fails_leaves_the_file_as_it_was_and_nothing_beside_it(tmp_path: Pa
         _interrupted(path)
     assert path.read_text() == "before"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_appears_when_its_block_ends(tmp_path: Path) -> None:
+    (tmp_path / "usual").mkdir()
+    (tmp_path / "empty").mkdir()
+    for name in ("new", "empty"):
+        before = sorted(tmp_path.rglob("*"))
+        with suppress(KeyboardInterrupt), whole_folder(tmp_path / name) as place:
+            (place / "half").mkdir()
+            raise KeyboardInterrupt
+        assert sorted(tmp_path.rglob("*")) == before
+        with whole_folder(tmp_path / name) as place:
+            (place / "file").write_text("whole")
+        assert sorted(tmp_path.rglob("*")) == sorted({*before, tmp_path / name, tmp_path / name / "file"})
+        assert (tmp_path / name).stat().st_mode == (tmp_path / "usual").stat().st_mode
 
 
 @pytest.mark.parametrize(

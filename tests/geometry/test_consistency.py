@@ -88,6 +88,15 @@ def test_a_photograph_that_did_not_move_is_looked_up_as_it_is(views: list[View])
     np.testing.assert_array_equal(mask_known.numpy() > 0, (unknown | (views[1].mask > 0)).ravel())
 
 
+@pytest.mark.parametrize("times", [0.4, 0.0], ids=["thin", "empty"])
+def test_a_photograph_that_shows_nothing_of_the_object_is_looked_up_and_stays_where_it_is(views: list[View], times: float) -> None:
+    some = [views[0], replace(views[1], mask=np.float32(times) * views[1].mask)]
+    photographs, where = MovingPhotographs(some), places(views[1])
+    mask = photographs.at(torch.ones(len(where), dtype=torch.long), where)[1].detach()
+    np.testing.assert_allclose(mask.numpy(), some[1].mask.ravel(), atol=1e-6)
+    np.testing.assert_allclose(photographs.cameras(some)[1].to_world, views[1].camera.to_world, atol=1e-6)
+
+
 def test_offsets_move_turn_and_scale(views: list[View]) -> None:
     """A pixel to the right and two down is the pixel there; a turn by a right angle about the middle exchanges the axes."""
     photographs, one = MovingPhotographs(views[:1]), views[0]

@@ -49,11 +49,14 @@ def test_what_nobody_knows_carves_nothing() -> None:
     views = ball_views(30)
     whole = visual_hull(views, 40)
     middle = np.pad(np.ones((2, 2), np.float32), 23)
-    blind = replace(views[0], mask=middle, valid=np.zeros((48, 48), bool))
+    blind, empty = (replace(views[0], mask=mask, valid=np.zeros((48, 48), bool)) for mask in (middle, 0 * middle))
     seen = np.tile(np.arange(48) < 24, (48, 1))
     halves = [replace(v, mask=np.where(seen, v.mask, 0), valid=seen) if n % 3 else v for n, v in enumerate(views)]
     points = torch.nn.functional.normalize(torch.randn(500, 3, generator=torch.Generator().manual_seed(0)), dim=-1) * RADIUS
-    assert (visual_hull([*views, blind], 40).at(points) - whole.at(points)).abs().max() < 0.25 * whole.step
+    for nothing in (blind, empty):
+        assert (visual_hull([*views, nothing], 40).at(points) - whole.at(points)).abs().max() < 0.25 * whole.step
+    with pytest.raises(InputError, match=r"expected a view whose mask exceeds 0.5 in some pixel, found none among 2$"):
+        visual_hull([empty, empty], 40)
     vertices, _ = extracted(visual_hull(halves, 40))
     assert np.linalg.norm(vertices, axis=1).min() > RADIUS - 0.2 * PIXEL
     with pytest.raises(InputError, match="no point that is inside of all"):

@@ -12,7 +12,7 @@ from ia_bench.geometry.grid import DistanceGrid, extracted, normals_at
 from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.marching import Rays
 from ia_bench.geometry.refinement import surface_from_images, turned_away
-from ia_bench.geometry.sweep import DepthMap, correlation, fused, redistanced, semi_global
+from ia_bench.geometry.sweep import DepthMap, correlation, depth_maps, fused, neighbours, redistanced, semi_global
 from ia_bench.scenes.scene import View
 
 CELLS = 40
@@ -87,6 +87,14 @@ def test_depth_maps_of_a_ball_cut_it_out_of_a_cube() -> None:
     near = np.abs(vertices).max(1) < 0.65  # elsewhere no map says anything
     assert near.mean() > 0.9
     assert np.abs(np.linalg.norm(vertices[near], axis=1) - 0.6).mean() < 0.5 * grid.step
+
+
+def test_a_photograph_that_shows_nothing_of_the_object_has_no_depths(views: list[View]) -> None:
+    empty = replace(views[0], mask=0 * views[0].mask)
+    grid = DistanceGrid(torch.zeros(9, 9, 9), torch.full((3,), -0.8), 0.2)
+    first, *others = depth_maps([empty, *(views[near] for near in neighbours(views)[0])], grid)
+    assert not first.depth.any()
+    assert any(one.depth.any() for one in others)
 
 
 def test_a_bowl_is_hollow(views: list[View]) -> None:

@@ -147,8 +147,6 @@ def test_it_sees_files_and_nothing_else(tmp_path: Path) -> None:
     assert FilesPrior(path=str(tmp_path), **TOLD, sees_truth=True).info.sees_truth
     with pytest.raises(InputError, match="expected training views of a scene, by whose names"):
         prior.sample(replace(one, names=None), seed=0)
-    with pytest.raises(InputError, match="cannot be guided"):
-        prior.sample(one, seed=0, guidance={"albedo": one.images})
 
 
 def test_a_run_is_known_by_the_predictions(tmp_path: Path) -> None:

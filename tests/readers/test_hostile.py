@@ -18,6 +18,7 @@ import pytest
 from PIL import Image
 from spoils import Spoil, exr, gone, wrote
 
+from ia_bench.cli.check import main as check
 from ia_bench.cli.run import main
 from ia_bench.common.errors import InputError
 from ia_bench.runs.config import ReaderConfig, SceneConfig
@@ -228,5 +229,7 @@ def test_a_wrong_file_is_one_sentence(scene: Path, spoil: Spoil, says: str) -> N
 def test_results_do_not_go_into_the_scene(scene: Path, out: str, capfd: pytest.CaptureFixture[str]) -> None:
     Path("link").symlink_to("scene")
     before = sorted(scene.rglob("*"))
-    assert "expected a folder outside of the scene's" in one_line("scene.path=scene", f"out={out}", capfd=capfd)
+    assert "expected a place outside of the scene's folder" in one_line("scene.path=scene", f"out={out}", capfd=capfd)
+    assert check(["reader=native", "scene.path=scene", f"sheet={out}/a.png"]) == 2
+    assert f"sheet={out}/a.png: expected a place outside of the scene's folder, found one in" in capfd.readouterr().err
     assert sorted(scene.rglob("*")) == before

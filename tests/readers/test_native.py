@@ -7,9 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 from spoils import edited
 
+from ia_bench.capture.settings import CaptureSettings
+from ia_bench.capture.shapes import with_geometry
 from ia_bench.checks.finding import difference
 from ia_bench.common.errors import InputError
 from ia_bench.readers.contract import check_scene
@@ -74,6 +77,18 @@ def test_a_mesh_is_optional(tiny_copy: Path) -> None:
     scene = check_scene(NativeReader(tiny_copy).read(truth=False), truth=False)
     assert scene.mesh is None
     assert "no mesh.ply in the scene's folder" in scene.notes
+
+
+def test_true_textures_stay_on_the_coordinates_that_they_belong_to(tiny: Scene, tiny_copy: Path) -> None:
+    scene = NativeReader(tiny_copy, uv="xatlas").read(truth=True)
+    assert not scene.mesh.same_as(tiny.mesh, uv=True)
+    smoothed = with_geometry(scene, CaptureSettings(geometry="smoothed"), lambda line: None, ())
+    for one in (scene, smoothed):
+        assert one.truth.mesh.same_as(tiny.mesh, uv=True)
+    trimesh.Trimesh(tiny.mesh.vertices, tiny.mesh.faces, process=False).export(tiny_copy / "mesh.ply")
+    without = NativeReader(tiny_copy, uv="xatlas").read(truth=True)
+    assert "true textures are left out: mesh.ply has no coordinates for them" in without.notes
+    assert (without.truth.albedo, set(without.truth.lights)) == (None, set(tiny.truth.lights))
 
 
 def test_a_split_that_leads_nowhere_and_a_lens_are_refused(tiny_copy: Path) -> None:

@@ -12,7 +12,7 @@ from PIL import Image
 from ia_bench.common.errors import InputError
 from ia_bench.readers.dtu import DtuReader
 from ia_bench.readers.nerfstudio import NerfstudioReader
-from ia_bench.readers.pictures import picture_below, pictures_in
+from ia_bench.readers.pictures import photograph, picture_below, pictures_in
 from ia_bench.readers.writers.calibrated import write_dtu
 from ia_bench.readers.writers.frames import write_nerfstudio
 from ia_bench.scenes.photograph import read_mask
@@ -36,6 +36,15 @@ def test_a_name_without_its_suffix_is_found(tmp_path: Path, suffix: str) -> None
     assert picture_below(tmp_path, f"a{suffix}", "here").name == f"a{suffix}"
     with pytest.raises(InputError, match="here: b: no such file"):
         picture_below(tmp_path, "b", "here")
+
+
+def test_pictures_that_no_run_is_known_by_are_refused(tmp_path: Path) -> None:
+    for name in ("a.png", "a.tga"):
+        Image.new("RGBA", (2, 2)).save(tmp_path / name)
+    for names in (["a.tga"], ["a.png", "a.tga"]):
+        path, *mask = (tmp_path / name for name in names)
+        with pytest.raises(InputError, match=r"a\.tga: expected a photograph or mask with one of the suffixes .*, found \.tga"):
+            photograph(path, *mask or [None], [])
 
 
 # ---------------------------------------------------------------- photographs of a camera that was held upright

@@ -1,6 +1,7 @@
 """The run folder: what it writes and refuses, its record and checkpoint, and what cannot spoil it."""
 
 import csv
+import errno
 import json
 import os
 import subprocess
@@ -98,6 +99,10 @@ with RunFolder(Path(sys.argv[1]), {"seed": 0}, "a" * 64) as folder:
             write()
         except Fault as error:
             print(error)
+try:
+    write_exr(Path(sys.argv[1], "map.exr"), np.random.rand(100, 100, 3))
+except OSError as error:
+    print(error)
 """
 
 
@@ -106,8 +111,9 @@ def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert "cannot be written (File too large); an interruption would cost more than usual" in lines[0]
-    assert [line.split(": ")[0].rpartition("/")[2] for line in lines[1:]] == ["metrics.json", "albedo.exr"]
-    assert all("cannot be written" in line for line in lines)
+    assert [line.split(": ")[0].rpartition("/")[2] for line in lines[1:3]] == ["metrics.json", "albedo.exr"]
+    assert all(line.endswith("cannot be written (File too large)") for line in lines[1:3])
+    assert lines[3:] == [f"[Errno {errno.EFBIG}] File too large: '{tmp_path}/map.exr'"]
     assert (tmp_path / "albedo.exr").read_bytes() == b"old"
     assert not (tmp_path / "metrics.json").exists()
     assert not list(tmp_path.glob(".*.exr"))

@@ -16,7 +16,7 @@ from ia_bench.priors.diffusion import learned
 from ia_bench.runs import identity as identities
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, slug
-from ia_bench.runs.identity import hash_of, identity, run_folder, setup
+from ia_bench.runs.identity import from_anywhere, hash_of, identity, run_folder, setup
 
 pytestmark = pytest.mark.usefixtures("scenes")
 
@@ -98,6 +98,12 @@ def test_hash_follows_the_scene_content_and_not_its_place(scenes: Path, tmp_path
     with_mesh = hash_with("scene=hat")
     (scenes / "hat" / "mesh.ply").write_bytes(b"PLY")  # as long as before
     assert len({before, with_mesh, hash_with("scene=hat")}) == 3
+    (scenes / "hat" / "images").symlink_to(elsewhere)
+    linked = hash_with("scene=hat")
+    (elsewhere / "again").symlink_to(elsewhere)  # which has no end
+    assert hash_with("scene=hat") == linked
+    (elsewhere / "0.exr").write_bytes(b"one")
+    assert len({with_mesh, linked, hash_with("scene=hat")}) == 3
 
 
 def test_hash_follows_the_content_of_weights_and_not_their_place(tmp_path: Path) -> None:
@@ -123,6 +129,17 @@ def test_a_mesh_of_any_format_counts_that_an_option_names(tmp_path: Path) -> Non
     before = hash_with(*given)
     (tmp_path / "shape.stl").write_bytes(b"other")
     assert hash_with(*given) != before
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "photographs" / "images").symlink_to(tmp_path / "elsewhere")
+    given[-1] = given[-1].replace(".stl", ".gltf")
+    (tmp_path / "shape.gltf").write_text('{"buffers": [{"uri": "its%20numbers.bin"}, {"uri": "data:"}]}')
+    hashes = [before]
+    for path in ("its numbers.bin", "elsewhere/0.png"):
+        (tmp_path / path).write_bytes(b"one")
+        hashes.append(hash_with(*given))
+        (tmp_path / path).write_bytes(b"two")
+        hashes.append(hash_with(*given))
+    assert len(set(hashes)) == 5
 
 
 @pytest.mark.parametrize(
@@ -182,6 +199,9 @@ def test_the_setup_holds_the_command_line_and_absolute_paths(monkeypatch: pytest
     monkeypatch.chdir(tmp_path)
     for name in ("model.safetensors", "uniform"):
         Path(name).write_bytes(b"one")
+    named = {"reader.options.mesh": "model.safetensors", "reader.options.masks": "uniform", "more": [Path("model.safetensors")]}
+    at = str(tmp_path / "model.safetensors")
+    assert from_anywhere(named) == {"reader.options.mesh": at, "reader.options.masks": "uniform", "more": [at]}
     overrides = [f"scene.path={scenes / 'hat'}", "row='a b'", "protocol.lpips.weights=model.safetensors"]
     found = setup(compose(overrides))
     assert shlex.split(found["command"]) == ["ia-bench", "run", *overrides]

@@ -87,7 +87,7 @@ def test_what_cannot_be_scored_is_named(ceiling: Path, old_run: Path, tmp_path: 
     assert main([str(tmp_path / "old"), "--out", str(tmp_path / "old" / "new")]) == 1
     assert capsys.readouterr().out == "", "what lies in the folder for new runs is not scored again"
     assert main([str(old_run), "--out", str(tmp_path / "new"), "--protocol", "papr"]) == 2
-    assert not list((tmp_path / "new").rglob("metrics.json"))
+    assert not list((tmp_path / "new").rglob("*.json"))
 
 
 def test_a_run_with_a_renderer_of_its_own_is_not_scored_by_another(ceiling: Path, tmp_path: Path) -> None:
@@ -99,4 +99,4 @@ def test_a_run_with_a_renderer_of_its_own_is_not_scored_by_another(ceiling: Path
     (folder / "metrics.json").write_text(json.dumps(record))
     with pytest.raises(InputError, match="found split sum; .*: its own renderer is gone; run it again with protocol=paper-v3$"):
         Rescorer(small(), tmp_path / "new").rescore(folder)
-    assert not list((tmp_path / "new").rglob("metrics.json"))
+    assert not list((tmp_path / "new").rglob("*.json"))

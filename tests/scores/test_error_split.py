@@ -1,6 +1,7 @@
 """Where the albedo's error sits: errors that are made to be of one kind, in pictures of a square 96 pixels wide."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from ia_bench.scenes.scene import View
 from ia_bench.scores.comparison import Pair, of_object
 from ia_bench.scores.error_split import VisibleSurface, split
 from ia_bench.scores.metrics import ERROR_PARTS, MEASURED, NoScoredPixel, Undefined, squared_error
-from ia_bench.scores.protocol import Protocol
+from ia_bench.scores.protocol import Encoding, Protocol
 from ia_bench.scores.scorer import Scorer
 
 SIDE = 96
@@ -58,6 +59,17 @@ def test_the_parts_of_any_error_add_up_to_it_in_every_view() -> None:
 
 def encoded_error(error: np.ndarray) -> np.ndarray:
     return srgb_to_linear(linear_to_srgb(TRUE) + error)
+
+
+@pytest.mark.parametrize(("times", "encoding"), [(1.0, "linear"), (0.01, "srgb")], ids=["linear", "toe of the sRGB curve"])
+@pytest.mark.parametrize("brighter", [1.2, 0.7])
+def test_brightness_is_a_level_where_encoded_values_are_no_power_of_linear_ones(
+    times: float, encoding: Encoding, brighter: float
+) -> None:
+    view = replace(pair_of(brighter * times * TRUE), true=times * TRUE)
+    (found,) = split([view], flat(), Protocol(albedo_encoding=encoding))
+    assert found.parts["level"] == pytest.approx(sum(found.parts.values()), rel=1e-4)
+    assert found.parts["low"] == pytest.approx(0, abs=1e-5 * found.parts["level"])
 
 
 SHADED = 0.1 * np.cos(np.pi * X)[..., None]  # from left to right

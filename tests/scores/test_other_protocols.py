@@ -1,6 +1,7 @@
 """The protocols of other papers on made-up images, against numbers worked out by hand from what those papers' programs do.
 
-The object is a square of 20 x 20 pixels in an image of 40 x 40, with a dark part and a bright part of one value each.
+Of TensoIR's in part: docs/protocol.md says what it does otherwise. The object is a square of 20 x 20 pixels in an image of
+40 x 40, with a dark part and a bright part of one value each.
 """
 
 import math

@@ -2,10 +2,12 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from coarse import COARSE
 from made_up import Ball, Gaussian, as_assets
 from shapes import camera_at, plate, sphere
 
@@ -14,7 +16,11 @@ from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import Quality, Reconstruction, TexturedReconstruction
 from ia_bench.render.settings import REFERENCE
 from ia_bench.render.stage import Stage
+from ia_bench.runs.composition import compose
+from ia_bench.runs.execute import execute
+from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Scene, Truth, View
+from ia_bench.scenes.turning import TurningLight
 from ia_bench.scores import scorer as scorer_module
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
@@ -100,6 +106,29 @@ def test_what_can_be_exported_is_also_drawn_by_the_reference_renderer(photograph
     assert scores.counts["textures"] == {"texels": 16, "roughness_raised": 0}
     textured = TexturedReconstruction.of(exported.assets(), stage)
     assert not any(name.endswith("_reference") for name in Scorer(photographed, SMALL, CPU).full(textured).variants)
+
+
+def test_a_light_that_turns_is_exported_with_its_turns(photographed: Scene) -> None:
+    """A method with a renderer of its own whose light heeds the scene's turns, or stands still."""
+    exported = as_assets(BALL, stage_of_the_ball())
+    texels = torch.from_numpy(exported.assets().light)
+    turning = TurningLight(tuple(map(tuple, photographed.train[0].camera.to_world[:3])))
+    scorer, drawn = Scorer(replace(photographed, turning=turning), SMALL, CPU), []
+    for given in (turning, None):
+        scores = scorer.full(replace(exported, environment=LatLongEnvironment(texels, turning=given)))
+        assert scorer.drawn[0].environment.turning == given
+        assert scores.counts["textures"]["light_turns"] == (given is not None)
+        drawn.append(scores.variants["view_synthesis_reference"]["psnr"])
+    assert abs(drawn[0] - drawn[1]) > 0.1
+
+
+@pytest.mark.parametrize(("method", "turns"), [("ceiling", True), ("constant", False)])
+def test_the_light_of_a_run_is_read_back_as_it_was_scored(method: str, turns: bool, tmp_path: Path) -> None:
+    words = [f"method={method}", "prior=none", "scene=tiny", "capture.light=camera", "capture.views=2", "device=cpu", "threads=1"]
+    execute(compose([*words, *COARSE, f"out={tmp_path / 'run'}"]))
+    run = Recovered(tmp_path / "run")
+    found = run.reconstruction(Stage(run.read_scene().expect_mesh(), CPU))
+    assert (found.environment.turning is not None) == turns == bool(run.record.counts["textures"]["light_turns"])
 
 
 def test_a_method_that_renders_under_its_own_light_alone_is_relit_by_the_reference_renderer(photographed: Scene) -> None:

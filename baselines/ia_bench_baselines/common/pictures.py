@@ -19,7 +19,6 @@ from ia_bench.common.errors import InputError
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion import encoding
 from ia_bench.priors.diffusion.encoding import Frame, enlarge, enlarge_by_gain
-from ia_bench.priors.inputs import expect_usable
 from ia_bench.priors.weight_files import fill
 
 SIDE = 64  # pixels of the square that the networks see, which is what the training images have
@@ -67,9 +66,6 @@ class PicturePrior(ABC):
     @torch.no_grad()
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`. Nothing is random, and nothing can be guided."""
-        if guidance:
-            raise InputError(f"prior={self.kind}: it cannot be guided (guidable is false), found guidance")
-        expect_usable(self.kind, observations, {}, ())
         values = {name: torch.zeros_like(observations.images, dtype=torch.float32) for name in sorted(self.info.provides)}
         white, calls = torch.full((len(observations.images),), torch.inf), 0
         for view, (image, mask) in enumerate(zip(observations.images.float(), observations.masks.float(), strict=True)):

@@ -21,7 +21,6 @@ from torch import Tensor
 
 from ia_bench.common.ranges import Positive
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
-from ia_bench.priors.inputs import expect_usable
 
 DARK = 1e-3  # of an image's mean radiance: no logarithm is taken below it
 ANCHOR = 1e-6  # pull of r toward 0, which fixes the level of every connected piece
@@ -40,11 +39,7 @@ class RetinexPrior:
         self.brightness, self.colour, self.mean_albedo = brightness, colour, mean_albedo
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
-        """Albedo (V, H, W, 3) of images (V, H, W, 3), premultiplied by masks (V, H, W). Nothing is random or guided.
-
-        Raises InputError for other shapes, and for NaN or Inf.
-        """
-        expect_usable("retinex", observations, guidance or {}, self.info.provides)
+        """Albedo (V, H, W, 3) of images (V, H, W, 3), premultiplied by masks (V, H, W). Nothing is random or guided."""
         pairs = zip(observations.images.double().numpy(), observations.masks.double().numpy(), strict=True)
         albedo = np.stack([self._albedo(image, mask) for image, mask in pairs]).astype(np.float32)
         return Samples({"albedo": torch.from_numpy(albedo)})

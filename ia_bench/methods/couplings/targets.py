@@ -183,7 +183,8 @@ class SlopeOfStatistics:
 class Distilled(WeightedCoupling):
     """The loss |x_hat - x_d|^2 / 2 in the prior's encoding, whose gradient is that of SDS; x_d is what it denoised x_hat to.
 
-    Nothing is aligned: the estimate was made from the render itself.
+    Nothing is aligned: the estimate was made from the render itself. Where the prior could hardly have said more, since it sees
+    nothing brighter than its white, only what falls short of x_d counts.
 
     Attributes:
         period: Steps between two distillations.
@@ -196,6 +197,7 @@ class Distilled(WeightedCoupling):
     def prepare(self, samples: PixelSamples, problem: Problem) -> None:
         """Encode the estimates."""
         self._weight, self._encoding, self._unit = samples.weight, problem.prior.info.encoding, problem.photographs.unit
+        self._bounded = samples.at_least
         self._estimates = {name: self._encoded(name, value) for name, value in samples.values.items()}
         self._uses = self.uses(frozenset(samples.values))
 
@@ -209,6 +211,8 @@ class Distilled(WeightedCoupling):
 
     def _half_square(self, name: str, prediction: Tensor, pixels: Tensor) -> Tensor:
         difference = self._encoded(name, prediction) - self._estimates[name][pixels]
+        if name in self._bounded:
+            difference = torch.where(self._bounded[name][pixels], difference.clamp(max=0), difference)
         return (self._weight[pixels] * (0.5 * difference**2)).mean()
 
     def _encoded(self, name: str, values: Tensor) -> Tensor:

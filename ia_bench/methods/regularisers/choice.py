@@ -16,7 +16,10 @@ OPTIONS = "fit.regulariser_options"
 
 
 def check_regularisers(names: Sequence[str], options: Mapping[str, Mapping[str, Any]]) -> None:
-    """Raise InputError unless all ``names`` are those of regularisers, each once, and the ``options`` are theirs."""
+    """Raise InputError unless all ``names`` are those of regularisers, each once, and the ``options`` are theirs.
+
+    Nor may ``context`` come after ``symmetry``: it fills anew what no photograph shows.
+    """
     if len(set(names)) < len(names):
         raise InputError(f"fit.regularise: expected each name once, found {', '.join(names)}")
     for name in options:
@@ -25,6 +28,9 @@ def check_regularisers(names: Sequence[str], options: Mapping[str, Mapping[str, 
     for name in names:
         kind = registry.load(registry.find("regulariser", name))
         check_arguments(kind, options.get(name, {}), f"{OPTIONS}.{name}")
+    if [name for name in names if name in ("context", "symmetry")] == ["symmetry", "context"]:
+        found = ", ".join(names)
+        raise InputError(f"fit.regularise: expected context before symmetry, whose guesses it would overwrite, found {found}")
 
 
 def regularisers_of(names: Sequence[str], options: Mapping[str, Mapping[str, Any]]) -> list[Regulariser]:

@@ -9,9 +9,10 @@ sums over one image. docs/sampling.md derives the scalings and measures each rul
 "variance"  argmin_x |x - x_0|^2 / r_t^2 + gamma (A x - y)^T W (A x - y): the estimate has variance r_t^2, the
             render 1 / gamma. For A = 1, W = 1: x_0 <- (x_0 / r_t^2 + gamma y) / (1 / r_t^2 + gamma). No step size, no stiffness.
 
-The explicit rule, "paper", is stiff: its step grows without bound in gamma and in b / a. It is cut where it would carry A x_0 past
-the minimum of |A x_0 - y| along the step (a line search that costs no evaluation), so the distance to the target never
-grows. Every cut is counted.
+The explicit rule, "paper", is stiff: its step grows without bound in gamma and in b / a. It is cut where it would carry x_0 past
+the minimum of the sum of gamma e^T W e / n over all pulls along the step (a line search that costs no evaluation), so the distance
+to one target, or the sum of those to several, never grows. Every cut is counted. At a = 0 an estimate of the noise, which equation
+8 changes, says nothing of x_0, and the rule leaves x_0 as it is.
 """
 
 from __future__ import annotations
@@ -104,6 +105,8 @@ class Guidance:
             alpha_bar = float(schedule.alpha_bar[t])
             if self.rule == "variance":
                 return combine(denoise(noisy, t), pulls, posterior_variance(self.prior_variance, alpha_bar))
+            if alpha_bar == 0:  # where b / a has no bound, so that any strength at all would go to the line's minimum
+                return denoise(noisy, t)
             return self._explicit_step(denoise, pulls, noisy, t, alpha_bar)
 
         return guided
@@ -125,7 +128,7 @@ class Guidance:
         # Along x_0 - length * direction the sum of gain |A x - y|^2 / 2 is a parabola, lowest at slope / curvature.
         curvature = _inner(direction, _normal(pulls, gains, [pull.blurred(direction) for pull in pulls]))
         lowest = torch.where(curvature > 0, _inner(direction, slope) / curvature, 0.0).clamp(min=0)
-        length = math.sqrt((1 - alpha_bar) / alpha_bar) if alpha_bar > 0 else math.inf  # no signal left: to the line's minimum
+        length = math.sqrt((1 - alpha_bar) / alpha_bar)
         self.cost["guided_cut"] += int(((lowest < length) & direction.flatten(1).any(1)).sum())
         return x0 - lowest.clamp(max=length)[:, None, None, None] * direction
 

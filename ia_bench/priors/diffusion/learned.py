@@ -1,4 +1,4 @@
-"""What every prior with networks of this project shares: weights, framing, encoding, the contract's checks."""
+"""What every prior with networks of this project shares: weights, framing, encoding."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Sample
 from ia_bench.priors.diffusion import encoding
 from ia_bench.priors.diffusion.encoding import Frame, enlarge, enlarge_by_difference, enlarge_by_gain
 from ia_bench.priors.diffusion.network import DESCRIPTION, Conditioned, MaterialNetwork, NetworkConfig, fingerprint, load_network
-from ia_bench.priors.inputs import Device, Precision, choose_device, content_number, expect_usable, use_bf16
+from ia_bench.priors.inputs import Device, Precision, choose_device, content_number, use_bf16
 from ia_bench.priors.weight_files import read_description
 
 VERSION = 5
@@ -128,7 +128,6 @@ class LearnedPrior(ABC):
         An image's noise is seeded by ``seed`` and the image's own content, so that views differ in it, and by the component
         where networks have one each.
         """
-        expect_usable(self.kind, observations, guidance or {}, self.info.provides)
         return self._through(observations, seed, guidance or {}, self._predict)
 
     def _conditioned(self, network: MaterialNetwork, cost: Counter[str]) -> Conditioned:
@@ -228,8 +227,6 @@ class RegressorPrior(LearnedPrior):
 
     @torch.no_grad()
     def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
-        if render:
-            raise InputError("prior=regressor: it cannot be guided (guidable is false), found guidance")
         return self._conditioned(network, cost).regress(framed.condition)
 
 

@@ -19,7 +19,7 @@ from ia_bench.priors.diffusion.learned import Framed, LearnedPrior
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import sample_large
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, seeded_noise
-from ia_bench.priors.inputs import Device, Precision, expect_usable
+from ia_bench.priors.inputs import Device, Precision
 
 DISTILLED_LEVELS = (0.02, 0.98)
 """Share of the schedule from which score distillation draws its noise level; the ends teach nothing (DreamFusion)."""
@@ -31,8 +31,8 @@ class DiffusionPrior(LearnedPrior):
     ``steps``, ``eta``: of the sampler (DDIM 0 ... ancestral 1).
     ``patches``: predict the image in overlapping native-size patches at full resolution (the paper's equation 6) instead of
     reducing it to the native size; "auto": images that would be reduced more than 3 times. ``guidance_rule``,
-    ``guidance_norm``, ``guidance_strength``, ``prior_variance``: how stage 2's samples are drawn toward the current renders
-    (equation 8; :mod:`ia_bench.priors.diffusion.guidance`). Other options as in
+    ``guidance_norm``, ``guidance_strength``, ``prior_variance``: how stage 2's samples are drawn toward the current renders, each
+    component by a norm of its own (equation 8; :mod:`ia_bench.priors.diffusion.guidance`). Other options as in
     :class:`ia_bench.priors.diffusion.learned.LearnedPrior`. Its cost counts guided estimates, those whose step was cut, and
     images that were predicted in patches.
     """
@@ -82,10 +82,6 @@ class DiffusionPrior(LearnedPrior):
 
         Always at the native size, for one evaluation cannot agree between patches.
         """
-        provides = self.info.provides
-        expect_usable(self.kind, observations, renders, provides, what="distilled")
-        if set(renders) != provides:
-            raise InputError(f"prior: renders: expected {', '.join(sorted(provides))}, found {', '.join(sorted(renders))}")
         return self._through(observations, seed, renders, self._distill, reduced=True)
 
     @torch.no_grad()
@@ -108,12 +104,12 @@ class DiffusionPrior(LearnedPrior):
         schedule, like = config.noise_schedule, (config.output_channels, config.size, config.size)
         cost.update(guided_estimates=0, guided_cut=0)
         guidance = replace(self._guidance, cost=cost)
-        if render:  # toward its components, inside the mask; the others are left to follow
+        if render:  # toward its components, inside the mask, each by its own norm; the others are left to follow
             inside = (framed.masks > 0).float()[:, None].to(self._device)
             absent = torch.zeros_like(condition[:, :3])
-            parts = [render.get(name, absent) for name in config.components]
-            weights = [(inside * (name in render)).expand_as(absent) for name in config.components]
-            guidance = replace(guidance, pulls=(Pull(torch.cat(parts, 1), self.guidance_strength, torch.cat(weights, 1)),))
+            target = torch.cat([render.get(name, absent) for name in config.components], 1)
+            weights = [torch.cat([(inside * (own == name)).expand_as(absent) for own in config.components], 1) for name in render]
+            guidance = replace(guidance, pulls=tuple(Pull(target, self.guidance_strength, weight) for weight in weights))
         if condition.shape[-1] > config.size:
             cost["patched_images"] += len(framed.views)
             masks, manner = framed.masks[:, None], (self.settings, guidance)

@@ -8,11 +8,13 @@ import torch
 from small_fit import altered
 from torch import Tensor
 
+from ia_bench.common.errors import InputError
 from ia_bench.methods.contract import Coupling, PixelSamples, Problem, StepRender
 from ia_bench.methods.couplings.base import encode
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.couplings.targets import ALIGNMENT_PERIOD, Distilled, Statistics, Targets, ViewAlignment, align
 from ia_bench.priors.contract import PriorInfo
+from ia_bench.runs.composition import compose
 from ia_bench.scenes.color import linear_to_srgb
 
 VIEWS = 4
@@ -128,7 +130,7 @@ def test_views_that_were_not_asked_have_no_say(problem: Problem, texture: Tensor
     assert losses(prepared(Targets(), problem, samples, texture), seen, torch.arange(len(seen)))["albedo"] < 1e-4
 
 
-@pytest.mark.parametrize("kind", [Targets, Kernel])
+@pytest.mark.parametrize("kind", [Targets, Kernel, Distilled])
 def test_a_target_at_its_ceiling_asks_only_for_at_least_as_much(problem: Problem, kind: type) -> None:
     every = torch.arange(len(problem.gbuffer.pixel))
     radiance, clipped = torch.full((len(every), 3), 0.5), every % 2 == 0
@@ -140,6 +142,15 @@ def test_a_target_at_its_ceiling_asks_only_for_at_least_as_much(problem: Problem
     assert loss(2, clipped) == 0
     assert loss(2, ~clipped) > 0.01
     assert loss(0.5, clipped) == pytest.approx(loss(0.5, ~clipped), rel=1e-5)
+
+
+def test_a_coupling_that_a_priors_own_would_hide_is_refused() -> None:
+    for prior, plain in (("letter", "diffusion"), ("letter_corrected", "corrected")):
+        wanted = f"expected targets, which prior={prior} brings, found kernel; use prior={plain} coupling=kernel"
+        with pytest.raises(InputError, match=f"^coupling: {wanted}$"):
+            compose(["device=cpu", f"prior={prior}", "coupling=kernel"])
+    for given in (["prior=letter", "coupling='targets'"], ["prior=combined", "coupling=targets"]):
+        assert compose(["device=cpu", *given]).coupling.name == "targets"
 
 
 # ---- SSI -------------------------------------------------------------------------------------------------------------

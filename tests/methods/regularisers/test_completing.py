@@ -7,9 +7,11 @@ from scipy.spatial.distance import cdist
 from small_fit import of_two_views
 from torch import Tensor
 
+from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material, fill_unobserved, smooth_by_view_count
 from ia_bench.methods.contract import FitState, Problem
 from ia_bench.methods.regularisers import completing
+from ia_bench.methods.regularisers.choice import check_regularisers
 from ia_bench.methods.regularisers.completing import LENGTH, NOISE, Context, Symmetry, effective_view_count, expected
 from ia_bench.render.gbuffer import sees
 from ia_bench.render.indirect import Atlas
@@ -111,6 +113,12 @@ def test_expectation_is_that_of_the_formula() -> None:
     mean = values.mean(0)
     wanted = mean + np.exp(-cdist(elsewhere, shown) / LENGTH) @ np.linalg.solve(covariance, values - mean)
     np.testing.assert_allclose(found, wanted, atol=1e-5)
+
+
+def test_context_may_not_overwrite_what_symmetry_guessed() -> None:
+    with pytest.raises(InputError, match="^fit.regularise: expected context before symmetry, .* found symmetry, parsimony"):
+        check_regularisers(["symmetry", "parsimony", "context"], {})
+    check_regularisers(["context", "parsimony", "symmetry"], {})
 
 
 def test_a_fit_differs_where_no_photograph_looks_alone(problem: Problem) -> None:

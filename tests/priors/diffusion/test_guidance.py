@@ -238,6 +238,15 @@ COSINE = NoiseSchedule(torch.cos(torch.linspace(0.01, math.pi / 2, 1000, dtype=t
 ZERO_TERMINAL = NoiseSchedule(torch.cat([COSINE.alpha_bar[:-1], torch.zeros(1, dtype=torch.float64)]))
 
 
+@pytest.mark.parametrize(("rule", "norm"), [("paper", "l2"), ("paper", "squared"), ("variance", "squared")])
+def test_a_vanishing_strength_changes_nothing_where_no_signal_is_left(rule: str, norm: str):
+    target, drawn = random(2, 3, *SIZE, seed=6).float(), []
+    for strength in (0.0, 1e-6):
+        guided = toward(target, strength, rule=rule, norm=norm).guiding(coupled, ZERO_TERMINAL)
+        drawn.append(sample(guided, ZERO_TERMINAL, (2, 3, *SIZE), [0, 1], SamplerSettings(10)))
+    torch.testing.assert_close(drawn[1], drawn[0], rtol=0, atol=1e-3)
+
+
 @pytest.mark.parametrize("schedule", [COSINE, ZERO_TERMINAL])
 @pytest.mark.parametrize(("rule", "norm"), [("paper", "l2"), ("paper", "squared"), ("variance", "squared")])
 def test_every_strength_and_step_count_is_finite_and_in_range(schedule: NoiseSchedule, rule: str, norm: str):

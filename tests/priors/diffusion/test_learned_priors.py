@@ -120,6 +120,17 @@ def test_strong_guidance_arrives_at_the_render(weights, ball):
     assert drawn.cost == {"network_calls": count, "guided_estimates": count, "guided_cut": 0}
 
 
+def test_each_component_is_drawn_by_a_norm_of_its_own(weights, ball, monkeypatch):
+    """A network whose values do not depend on each other: the albedo knows nothing of a specular render far off."""
+    monkeypatch.setattr(MaterialNetwork, "denoise", lambda self, noisy, timestep, condition, tokens: 0.3 * noisy)
+    prior = DiffusionPrior(weights=weights, steps=5, guidance_rule="paper", guidance_norm="l2")
+    masks = ball.masks[..., None].expand_as(ball.images)
+    render = {"albedo": 0.35 * masks, "specular": 100 * ball.images.amax() * masks}
+    alone, both = (prior.sample(ball, seed=0, guidance=some) for some in ({"albedo": render["albedo"]}, render))
+    assert alone.cost["guided_cut"] == both.cost["guided_cut"] == 0
+    torch.testing.assert_close(both.values["albedo"], alone.values["albedo"], rtol=0, atol=1e-5)
+
+
 def test_distillation_noises_renders_as_the_schedule_says_at_native_size(weights, ball, monkeypatch):
     """Mean and variance of the noise within 5 standard errors (false alarm 1e-6), levels over the whole of their range."""
     asked = []

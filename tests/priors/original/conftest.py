@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from ldm import TINY, LatentDiffusion, save
+from ldm import TINY, lightning, save, state_of, tiny
 
 from ia_bench_training import convert_weights
 
@@ -15,7 +15,7 @@ def release(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """`albedo/checkpoints/last.ckpt` and the same of specular, as the release lays them out."""
     folder = tmp_path_factory.mktemp("release")
     for component, seed in SEEDS.items():
-        save(LatentDiffusion.tiny(seed).lightning(), folder / component / "checkpoints" / "last.ckpt")
+        save(lightning(state_of(*tiny(seed))), folder / component / "checkpoints" / "last.ckpt")
     return folder
 
 

@@ -1,10 +1,7 @@
-"""Latent diffusion written out in plain torch with the original's key names, at any size: what the converter is held to.
+"""A checkpoint as the release lays it out, at any size: networks of diffusers under its names, and its image encoder itself.
 
-Architecture after Rombach et al. (CVPR 2022) and Radford et al. (ICML 2021) as the release instantiates it. Only the names
-of modules matter beyond the mathematics: `state_dict()` of :class:`LatentDiffusion` is the layout of the release.
+OpenAI's CLIP (Radford et al., ICML 2021) is written out in plain torch, because the converter translates its names itself.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,12 +9,14 @@ from typing import Any
 
 import numpy as np
 import torch
-from ldm_images import Autoencoder, Visual
-from ldm_unet import UNet
+from ldm_names import of_unet, of_vae
 from torch import Tensor, nn
 
-BETA_START, BETA_END = 0.00085, 0.012
-TINY: dict[str, dict[str, Any]] = {
+from ia_bench.common.torchvision_shim import import_torchvision
+from ia_bench_training.convert_weights import AVERAGE, CLIP, UNET
+
+Layout = Mapping[str, dict[str, Any]]
+TINY: Layout = {  # 32 x 32 images, 8 x 8 latents, attention on the finer level alone; 1.5 M parameters
     "unet": {
         "sample_size": 8,
         "in_channels": 8,
@@ -46,69 +45,97 @@ TINY: dict[str, dict[str, Any]] = {
         "hidden_act": "quick_gelu",
     },
 }
-"""The sizes of :meth:`LatentDiffusion.tiny` in the words of diffusers and transformers."""
 
 
-# ---- the whole, and its checkpoint -----------------------------------------------------------------------------------
-class LatentDiffusion(nn.Module):
-    """Every weight differs from its initial value, norms included, so that a swapped tensor shows."""
+class QuickGelu(nn.Module):
+    def forward(self, x: Tensor) -> Tensor:
+        return x * torch.sigmoid(1.702 * x)
 
-    def __init__(self, unet: UNet, autoencoder: Autoencoder, visual: Visual) -> None:
+
+class ClipBlock(nn.Module):
+    def __init__(self, width: int) -> None:
         super().__init__()
-        self.model, self.cond_stage_model = nn.Module(), nn.Module()
-        self.model.diffusion_model = unet
-        self.first_stage_model = autoencoder
-        self.cond_stage_model.model = nn.Module()
-        self.cond_stage_model.model.visual = visual
-        self.register_buffer("betas", torch.linspace(BETA_START**0.5, BETA_END**0.5, 1000) ** 2)
+        self.attn = nn.MultiheadAttention(width, width // 64, batch_first=True)
+        self.ln_1, self.ln_2 = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.mlp = nn.Sequential()
+        self.mlp.add_module("c_fc", nn.Linear(width, 4 * width))
+        self.mlp.add_module("gelu", QuickGelu())
+        self.mlp.add_module("c_proj", nn.Linear(4 * width, width))
 
-    @classmethod
-    def tiny(cls, seed: int) -> LatentDiffusion:
-        """Two levels, attention on the finer one alone; 32 x 32 images, 8 x 8 latents; 1.5 M parameters."""
-        with torch.random.fork_rng():
-            torch.manual_seed(seed)
-            model = cls(UNet(32, (1, 2), 1, (True, False), 16), Autoencoder(32, (1, 1, 2), 1), Visual(128, 16, 32, 2, 16))
-            for parameter in model.parameters():
-                parameter.data += 0.05 * torch.randn_like(parameter)
-        return model.eval().requires_grad_(False)
+    def forward(self, x: Tensor) -> Tensor:
+        normed = self.ln_1(x)
+        x = x + self.attn(normed, normed, normed, need_weights=False)[0]
+        return x + self.mlp(self.ln_2(x))
 
-    @classmethod
-    def full_size(cls) -> LatentDiffusion:
-        """The release's size, without memory."""
-        with torch.device("meta"):
-            return cls(
-                UNet(320, (1, 2, 4, 4), 2, (True, True, True, False), 768),
-                Autoencoder(128, (1, 2, 4, 4), 2),
-                Visual(1024, 14, 224, 24, 768),
-            )
 
-    def average(self) -> dict[str, Tensor]:
-        """The UNet's weights as their moving average would differ from them: by a little, everywhere."""
-        generator = torch.Generator().manual_seed(1)
-        raw = self.model.diffusion_model.state_dict()
-        return {name: value + 0.05 * torch.randn(value.shape, generator=generator) for name, value in raw.items()}
+class Visual(nn.Module):
+    def __init__(self, width: int, patch: int, side: int, layers: int, out: int) -> None:
+        super().__init__()
+        self.conv1 = nn.Conv2d(3, width, patch, stride=patch, bias=False)
+        self.class_embedding = nn.Parameter(torch.randn(width))
+        self.positional_embedding = nn.Parameter(torch.randn((side // patch) ** 2 + 1, width))
+        self.ln_pre, self.ln_post = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.transformer = nn.Module()
+        self.transformer.resblocks = nn.ModuleList([ClipBlock(width) for _ in range(layers)])
+        self.proj = nn.Parameter(torch.randn(width, out) / width**0.5)
 
-    def lightning(self) -> dict[str, Any]:
-        """The content of `last.ckpt`: raw weights, moving average with the dots left out, optimiser, counters."""
-        averages = {f"model_ema.diffusion_model{k.replace('.', '')}": v for k, v in self.average().items()}
-        counters = {"model_ema.decay": torch.tensor(0.9999), "model_ema.num_updates": torch.tensor(100000)}
-        score = {"best_model_score": torch.tensor(0.1), "best": np.float64(0.1), "wait": np.int64(3)}
-        return {
-            "epoch": 7,
-            "global_step": 100000,
-            "pytorch-lightning_version": "1.5.2",
-            "state_dict": {**self.state_dict(), **averages, **counters},
-            "callbacks": {"ModelCheckpoint": score},
-            "optimizer_states": [{"state": {0: {"step": 1, "exp_avg": torch.zeros(3)}}, "param_groups": [{"lr": 1e-4}]}],
-            "lr_schedulers": [{"last_epoch": 7, "_step_count": 8}],
-        }
+    def forward(self, x: Tensor) -> Tensor:
+        patches = self.conv1(x).flatten(2).mT
+        tokens = torch.cat([self.class_embedding.expand(len(x), 1, -1), patches], 1)
+        tokens = self.ln_pre(tokens + self.positional_embedding)
+        for block in self.transformer.resblocks:
+            tokens = block(tokens)
+        return self.ln_post(tokens[:, 0]) @ self.proj
 
-    def reference(self) -> LatentDiffusion:
-        """A copy with the averaged UNet and every weight rounded to half precision: what the conversion must compute."""
-        copy = type(self).tiny(0)
-        state = {**self.state_dict(), **{f"model.diffusion_model.{k}": v for k, v in self.average().items()}}
-        copy.load_state_dict({k: v if k == "betas" else v.half().float() for k, v in state.items()})
-        return copy
+
+def originals(layout: Layout) -> tuple[Any, Any, Visual]:
+    """UNet, autoencoder and image encoder of these sizes, as they are made."""
+    import_torchvision()
+    from diffusers import AutoencoderKL, UNet2DConditionModel
+
+    sizes = ("hidden_size", "patch_size", "image_size", "num_hidden_layers", "projection_dim")
+    visual = Visual(*(layout["image_encoder"][size] for size in sizes))
+    return UNet2DConditionModel(**layout["unet"]), AutoencoderKL(**layout["vae"]), visual
+
+
+def tiny(seed: int) -> tuple[Any, Any, Visual]:
+    """Every weight differs from its initial value, norms included, so that a swapped tensor shows."""
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        networks = originals(TINY)
+        for parameter in (parameter for network in networks for parameter in network.parameters()):
+            parameter.data += 0.05 * torch.randn_like(parameter)
+    for network in networks:
+        network.eval().requires_grad_(False)
+    return networks
+
+
+def state_of(unet: Any, vae: Any, visual: Visual) -> dict[str, Tensor]:
+    """The tensors of a checkpoint: the UNet is the moving average, whose names have no dots; its raw weights differ everywhere."""
+    averages = of_unet(unet.state_dict(), unet.config.layers_per_block)
+    return {
+        **{UNET + key: value + 0.05 for key, value in averages.items()},
+        **{AVERAGE + key.replace(".", ""): value for key, value in averages.items()},
+        "model_ema.decay": torch.tensor(0.9999),
+        "model_ema.num_updates": torch.tensor(100000),
+        **{f"first_stage_model.{key}": value for key, value in of_vae(vae.state_dict()).items()},
+        **{CLIP + key: value for key, value in visual.state_dict().items()},
+        "betas": torch.linspace(0.00085**0.5, 0.012**0.5, 1000) ** 2,
+    }
+
+
+def lightning(state: Mapping[str, Tensor]) -> dict[str, Any]:
+    """The content of `last.ckpt`: the tensors, optimiser, counters."""
+    score = {"best_model_score": torch.tensor(0.1), "best": np.float64(0.1), "wait": np.int64(3)}
+    return {
+        "epoch": 7,
+        "global_step": 100000,
+        "pytorch-lightning_version": "1.5.2",
+        "state_dict": dict(state),
+        "callbacks": {"ModelCheckpoint": score},
+        "optimizer_states": [{"state": {0: {"step": 1, "exp_avg": torch.zeros(3)}}, "param_groups": [{"lr": 1e-4}]}],
+        "lr_schedulers": [{"last_epoch": 7, "_step_count": 8}],
+    }
 
 
 def save(content: Mapping[str, Any], path: Path) -> Path:

@@ -1,4 +1,4 @@
-"""The converter against latent diffusion written out in plain torch (ldm.py): same numbers, from the right tensors."""
+"""The converter against networks whose weights have the names of the release (ldm.py): same numbers, from the right tensors."""
 
 import zipfile
 from collections.abc import Callable
@@ -7,12 +7,11 @@ from typing import Any
 
 import pytest
 import torch
-from ldm import TINY, LatentDiffusion, save
-from torch import Tensor
+from ldm import TINY, originals, save, state_of, tiny
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench_training.convert_weights import AVERAGE, RELEASE, UNET, convert, networks, read_checkpoint
+from ia_bench_training.convert_weights import RELEASE, convert, networks, read_checkpoint
 
 TOLERANCE = 2e-5  # two orders of summation in float32; a wrong tensor differs by 0.1 and more
 
@@ -24,51 +23,36 @@ def edited(release: Path, path: Path, edit: Callable[[dict[str, Any]], object]) 
     return save(content, path)
 
 
-def inputs(*shape: int, seed: int = 0) -> Tensor:
-    return torch.randn(shape, generator=torch.Generator().manual_seed(seed))
-
-
 # ---- the numbers -----------------------------------------------------------------------------------------------------
 @torch.no_grad()
-def test_outputs_equal_those_of_the_averaged_weights(weights: Path) -> None:
+def test_weights_are_the_averaged_ones_in_half_precision(weights: Path) -> None:
     import_torchvision()
     from diffusers import AutoencoderKL, UNet2DConditionModel
     from transformers import CLIPVisionModelWithProjection
 
-    original = LatentDiffusion.tiny(1)
-    expected, folder = original.reference(), weights / "albedo"
-    unet = UNet2DConditionModel.from_pretrained(folder / "unet").float()
-    latents, steps, token = inputs(2, 8, 8, 8), torch.tensor([3, 970]), inputs(2, 1, 16, seed=1)
-    converted = unet(latents, steps, token).sample
-    torch.testing.assert_close(converted, expected.model.diffusion_model(latents, steps, token), atol=TOLERANCE, rtol=0)
-    raw = original.model.diffusion_model(latents, steps, token)
-    assert float((converted - raw).abs().mean()) > 0.1  # the raw weights are another network
+    unet, vae, visual = tiny(1)
+    for name, kind, original in (("unet", UNet2DConditionModel, unet), ("vae", AutoencoderKL, vae)):
+        converted, expected = kind.from_pretrained(weights / "albedo" / name).state_dict(), original.state_dict()
+        assert converted.keys() == expected.keys()
+        assert [key for key, value in expected.items() if not torch.equal(converted[key], value.half().float())] == []
 
-    vae = AutoencoderKL.from_pretrained(folder / "vae").float()
-    images, latents = inputs(2, 3, 32, 32), inputs(2, 4, 8, 8)
-    mode = vae.encode(images).latent_dist.mode()
-    torch.testing.assert_close(mode, expected.first_stage_model.mode(images), atol=TOLERANCE, rtol=0)
-    decoded = vae.decode(latents).sample
-    torch.testing.assert_close(decoded, expected.first_stage_model.decode(latents), atol=TOLERANCE, rtol=0)
-
-    clip = CLIPVisionModelWithProjection.from_pretrained(folder / "image_encoder").float()
-    embedding = clip(pixel_values=images).image_embeds
-    torch.testing.assert_close(embedding, expected.cond_stage_model.model.visual(images), atol=TOLERANCE, rtol=0)
+    images = torch.randn(2, 3, 32, 32, generator=torch.Generator().manual_seed(0))
+    clip = CLIPVisionModelWithProjection.from_pretrained(weights / "albedo" / "image_encoder").float()
+    expected = visual.half().float()(images)
+    torch.testing.assert_close(clip(pixel_values=images).image_embeds, expected, atol=TOLERANCE, rtol=0)
 
 
 def test_full_size_is_that_of_the_release() -> None:
-    """At the release's size, without memory: every parameter has a tensor of its shape, and together they are all there are."""
-    state = LatentDiffusion.full_size().state_dict()
-    raw = [key for key in state if key.startswith(UNET)]
-    state |= {AVERAGE + key.removeprefix(UNET).replace(".", ""): state[key] for key in raw}
+    """At the release's size, without memory: every parameter has a tensor of its shape, and there are as many as published."""
+    with torch.device("meta"):
+        state = state_of(*originals(RELEASE))
     sizes = {}
     for name, (model, tensors) in networks(state, RELEASE).items():
         for key, value in model.state_dict().items():
             assert tensors[key].shape == value.shape, (name, key)
-        sizes[name] = sum(value.numel() for value in model.state_dict().values())
-    assert sizes["unet"] == 859_532_484  # Stable Diffusion 1.5: 859 520 964
-    left_out = ("model_ema", "betas")
-    assert sum(sizes.values()) == sum(value.numel() for key, value in state.items() if not key.startswith(left_out))
+        sizes[name] = sum(value.numel() for value in model.parameters())
+    # Stable Diffusion 1.5's UNet of 859 520 964, its autoencoder, and CLIP ViT-L/14.
+    assert sizes == {"unet": 859_532_484, "vae": 83_653_863, "image_encoder": 303_966_208}
 
 
 # ---- safety ----------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The prior against the original's sampler written out in the test: plain-torch networks, diffusers' DDIM with eta 1."""
+"""The prior against the original's sampler written out in the test, with diffusers' DDIM with eta 1."""
 
 import json
 import math
@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
-from ldm import LatentDiffusion
 from torch import Tensor
 
 from ia_bench.cli.check import main as check
@@ -21,7 +20,7 @@ from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS, Observations
 from ia_bench.priors.diffusion.encoding import Frame
 from ia_bench.priors.inputs import content_number
-from ia_bench.priors.original import IntrinsicAnythingPrior, encode, pull
+from ia_bench.priors.original import IntrinsicAnythingPrior, Networks, encode, pull
 
 
 def photographs(count: int = 2, side: int = 32) -> Observations:
@@ -31,7 +30,7 @@ def photographs(count: int = 2, side: int = 32) -> Observations:
 
 
 @torch.no_grad()
-def original_sample(model: LatentDiffusion, image: Tensor, seed: int, steps: int) -> Tensor:
+def original_sample(networks: Networks, image: Tensor, seed: int, steps: int) -> Tensor:
     """One sample (S, S, 3), linear, of one picture, as the release samples; the last step returns the estimate itself."""
     import_torchvision()
     from diffusers import DDIMScheduler
@@ -41,17 +40,17 @@ def original_sample(model: LatentDiffusion, image: Tensor, seed: int, steps: int
     schedule.set_timesteps(steps)
     generator = torch.Generator().manual_seed(seed)
     encoded = image.movedim(-1, 0)[None] ** (1 / 2.2)
-    latents = model.first_stage_model.mode(2 * encoded - 1)  # not scaled
-    visual = model.cond_stage_model.model.visual
-    seen = F.interpolate(encoded, (visual.side, visual.side), mode="bicubic", align_corners=True)
+    latents = networks.vae.encode(2 * encoded - 1).latent_dist.mode()  # not scaled
+    side = networks.clip.config.image_size
+    seen = F.interpolate(encoded, (side, side), mode="bicubic", align_corners=True)
     mean, deviation = torch.tensor([0.48145466, 0.4578275, 0.40821073]), torch.tensor([0.26862954, 0.26130258, 0.27577711])
-    token = visual((seen - mean[:, None, None]) / deviation[:, None, None])[:, None]
+    token = networks.clip(pixel_values=(seen - mean[:, None, None]) / deviation[:, None, None]).image_embeds[:, None]
     x = torch.randn(latents.shape[1:], generator=generator)[None]
     for t in schedule.timesteps:
-        eps = model.model.diffusion_model(torch.cat([x, latents], 1), t[None], token)
+        eps = networks.unet(torch.cat([x, latents], 1), t, token).sample
         noise = torch.randn(latents.shape[1:], generator=generator)[None] if t != schedule.timesteps[-1] else None
         x = schedule.step(eps, t, x, eta=1.0, use_clipped_model_output=True, variance_noise=noise).prev_sample
-    decoded = model.first_stage_model.decode(x / 0.18215)
+    decoded = networks.vae.decode(x / 0.18215).sample
     return (decoded[0].movedim(0, -1) / 2 + 0.5).clamp(0, 1) ** 2.2
 
 
@@ -62,10 +61,10 @@ def test_samples_are_the_originals(weights: Path) -> None:
     samples = drawn.values
     assert drawn.cost["network_calls"] == 2 * 2 * 4  # components, images, steps
     for number, component in enumerate(COMPONENTS):
-        model = LatentDiffusion.tiny({"albedo": 1, "specular": 2}[component]).reference()
+        networks = Networks(weights / component, torch.device("cpu"))
         for view in range(2):
             seed = derive_seed(5, number, content_number(images[view], masks[view]))
-            expected = original_sample(model, images[view], seed, 4)
+            expected = original_sample(networks, images[view], seed, 4)
             torch.testing.assert_close(samples[component][view], expected, atol=2e-4, rtol=0)
     assert float((samples["albedo"][0] - samples["albedo"][1]).abs().mean()) > 0.05
 
