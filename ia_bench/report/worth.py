@@ -88,9 +88,9 @@ class Gain:
 
     @property
     def detectable(self) -> float | None:
-        """The smallest true gain that would have been decided alone with probability .8, given how much scenes differ.
+        """The smallest true gain that would have been decided alone with probability .8; among several it takes more.
 
-        Among several it takes more. (t(.975) + t(.8)) s / sqrt(n) for n scenes whose means have the standard deviation s; None for a single scene.
+        (t(.975) + t(.8)) s / sqrt(n) for n scenes whose means have the standard deviation s; None for a single scene.
         """
         scenes = self.pairs.scenes
         if len(scenes) < 2:

@@ -21,7 +21,6 @@ from ia_bench.common.files import files_below, hash_of_files, shown
 from ia_bench.common.machine import environment
 from ia_bench.common.ranges import NO_NUMBER
 from ia_bench.runs.config import (
-    NATIVE_READER,
     ReaderConfig,
     RunConfig,
     SceneConfig,
@@ -52,18 +51,6 @@ def identity(config: RunConfig) -> dict[str, Any]:
     hidden = [field.name for field in fields(method.Options) if field.metadata == NO_NUMBER]
     content["method"]["options"] = {key: value for key, value in config.method.options.items() if key not in hidden}
     content["method"]["fingerprint"] = getattr(method, "fingerprint", None)
-    if config.capture.geometry != "sdf":
-        del content["capture"]["sdf"]  # which then decides nothing
-    if config.capture.light == "static":
-        del content["capture"]["light"], content["capture"]["turntable_axis"]  # runs before there was a choice stay the same
-    if config.capture.white_balance == "fixed":
-        del content["capture"]["white_balance"]  # likewise
-    if not config.render.control_variate or config.render.bounces == 0 or config.capture.light == "turntable":
-        del content["render"]["control_variate"]  # likewise, for without indirect light, or where the light turns, there is none
-    if config.reader.target != NATIVE_READER and config.render.metallic == "auto":
-        content["render"]["metallic"] = "by evidence"  # which has changed where scenes do not say it: native ones all do
-    if config.reader.target == NATIVE_READER and config.reader.options.get("uv") == "xatlas":
-        content["reader"]["true_textures"] = "on the mesh as stored"  # and not on the new coordinates, as in runs of before
     for plugin, options in _plugins(config):
         paths, folders = _files_of(plugin, options), _paths_in(options)
         content[plugin.kind] |= {

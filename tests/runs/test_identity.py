@@ -65,11 +65,6 @@ def test_hash_ignores_what_decides_no_number(override: str) -> None:
     assert hash_with(override) == hash_with()
 
 
-def test_a_control_variate_decides_nothing_where_there_is_none() -> None:
-    for without in (["render.bounces=0"], ["capture.light=turntable", "capture.turntable_axis=[0,0,1]"]):
-        assert hash_with(*without, "render.control_variate=false") == hash_with(*without)
-
-
 @pytest.mark.parametrize("override", OTHERS.split())
 def test_hash_changes_with_what_decides_numbers(override: str) -> None:
     assert hash_with(override) != hash_with()
