@@ -15,7 +15,7 @@ from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Mesh, Scene
 from ia_bench_baselines.common.networks import positional_encoding
 from ia_bench_baselines.neilfpp.fields import FREQUENCIES, HashGrid, IncidentField
-from ia_bench_baselines.neilfpp.losses import OUTGOING_SHARE, second_hits, trace_loss
+from ia_bench_baselines.neilfpp.losses import OUTGOING_SHARE, scharr_edges, second_hits, trace_loss
 from ia_bench_baselines.neilfpp.method import Neilfpp, NeilfppOptions
 from ia_bench_baselines.neilfpp.shading import quadrature, reflect, sphere_directions
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_material
@@ -80,7 +80,7 @@ def test_a_field_in_parts_is_the_network_of_both_inputs():
     found = field.finish((field.middle(directions)[:, None] + field.inserted(positions)).reshape(-1, 8))
     hidden = positional_encoding(directions.repeat_interleave(7, 0), FREQUENCIES)
     hidden = torch.relu(field.front[2](torch.relu(field.front[0](hidden))))
-    both = torch.cat([hidden, positional_encoding(positions.repeat(5, 1), FREQUENCIES)], 1)
+    both = torch.cat([hidden, positions.repeat(5, 1)], 1)
     hidden = torch.relu(both @ torch.cat([field.along.weight, field.at.weight], 1).T + field.along.bias)
     torch.testing.assert_close(found, field.back[2](torch.relu(field.back[0](hidden))), rtol=1e-4, atol=1e-5)
 
@@ -96,6 +96,16 @@ def test_a_level_of_a_hash_grid_is_linear_between_its_entries():
     torch.testing.assert_close(grid(torch.tensor([[0.0, -0.5, 0.5]]))[0], entry((2, 1, 3)))
     around = [entry((2 + a, 1 + b, 3 + c)) for a in (0, 1) for b in (0, 1) for c in (0, 1)]
     torch.testing.assert_close(grid(torch.tensor([[0.25, -0.25, 0.75]]))[0], torch.stack(around).mean(0))
+
+
+# ---- edges of images ---------------------------------------------------------------------------------------------------
+def test_a_step_in_an_image_is_an_edge_of_sixteen_times_its_height():
+    """As cv2.Sobel has it with FILTER_SCHARR: 3 + 10 + 3. By exp(-edge) a step of .25 leaves 2 per cent of the smoothness."""
+    image = torch.zeros(5, 6, 3)
+    image[:, 3:] = 0.25
+    wanted = torch.tensor([0.0, 0, 4, 4, 0, 0]).expand(5, 6)
+    torch.testing.assert_close(scharr_edges(image[None])[0], wanted)
+    torch.testing.assert_close(scharr_edges(image.transpose(0, 1)[None])[0], wanted.T)
 
 
 # ---- the trace loss ----------------------------------------------------------------------------------------------------

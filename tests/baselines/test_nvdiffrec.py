@@ -9,7 +9,10 @@ from torch import Tensor
 
 from ia_bench.checks.methods import Memory
 from ia_bench.light.latlong import row_solid_angles, texel_centres
+from ia_bench.material.textures import splat
 from ia_bench.scenes.scene import Scene
+from ia_bench_baselines.common.pixels import TrainingPixels
+from ia_bench_baselines.common.textured import TexturedScene
 from ia_bench_baselines.nvdiffrec.fit import reconstruction
 from ia_bench_baselines.nvdiffrec.method import Nvdiffrec, NvdiffrecOptions
 from ia_bench_baselines.nvdiffrec.prefilter import PrefilteredLight, lobe_kernel
@@ -85,6 +88,23 @@ def test_filtered_maps_are_weighted_means_of_the_light():
         weight = kernel * area
         torch.testing.assert_close(found.double(), weight @ fine / weight.sum(1, keepdim=True), rtol=2e-3, atol=0)
     torch.testing.assert_close(filtered.glossy(axis, torch.zeros(4, 1)), light.reshape(-1, 3)[place])
+
+
+def test_what_no_step_can_reach_is_filled(tiny: Scene):
+    """Texels seen on the object's edge alone are in no training pixel: what the gradient does not reach must not stay as it was."""
+    problem = problem_of(tiny)
+    pixels = TrainingPixels(problem, 2)
+    scene = TexturedScene(problem, pixels, roughness=0.5, metallic=0.1, least=0.0, least_roughness=0.08)
+    scene.at(pixels.points(torch.arange(len(pixels))).uv)[0].sum().backward()
+    assert scene.base_colour.grad is not None
+    reached = scene.base_colour.grad.amax(-1) > 0
+    face, barycentric = pixels.gbuffer.face, pixels.gbuffer.barycentric
+    uv = problem.stage.surface.uv(face[face >= 0].long(), barycentric[face >= 0])
+    seen = splat(uv, torch.zeros(len(uv), 0), len(reached))[1] > 0
+    assert (seen & ~reached).any()
+    with torch.no_grad():
+        scene.base_colour[reached] = 0.2
+    torch.testing.assert_close(scene.recovered().albedo, torch.full_like(scene.base_colour, 0.2))
 
 
 @pytest.mark.slow

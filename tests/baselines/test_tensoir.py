@@ -13,6 +13,7 @@ from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
 from ia_bench_baselines.common.spherical_gaussians.sampling import draw_directions
+from ia_bench_baselines.tensoir.fit import relative_change
 from ia_bench_baselines.tensoir.method import Tensoir as TensoirMethod
 from ia_bench_baselines.tensoir.method import TensoirOptions
 from ia_bench_baselines.tensoir.model import LINES, PLANES, Tensoir, VectorMatrix, arriving_light
@@ -41,6 +42,13 @@ def test_features_are_those_of_the_dense_grid():
         dense = torch.einsum(f"r{plane},r{names[along]}->rzyx", planes[pair], lines[pair, :, :, 0])
         true = grid_sample(dense[None], position[None, :, None, None], align_corners=True)[0, :, :, 0, 0].T
         torch.testing.assert_close(found[:, 3 * pair : 3 * pair + 3], true, rtol=1e-4, atol=1e-6)
+
+
+# ---- smoothness --------------------------------------------------------------------------------------------------------
+def test_relative_changes_add_up_over_the_channels():
+    first = torch.tensor([[0.2, 0.4, 0.8], [0.5, 0.5, 0.5]])
+    second = torch.tensor([[0.1, 0.4, 0.4], [0.5, 0.5, 0.4]])
+    assert float(relative_change(first, second)) == pytest.approx((0.5**2 + 0.5**2 + 0.2**2) / 2)
 
 
 # ---- shading -----------------------------------------------------------------------------------------------------------

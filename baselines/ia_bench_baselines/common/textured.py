@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from ia_bench.material.textures import Material, fetch, fill_unobserved, splat
 from ia_bench.methods.contract import Problem
-from ia_bench.render.gbuffer import GBuffer
+from ia_bench_baselines.common.pixels import TrainingPixels
 
 
 class TexturedScene(nn.Module):
@@ -18,14 +18,14 @@ class TexturedScene(nn.Module):
         roughness: (T, T, 1) in [least_roughness, 1], perceptual.
         metallic: (T, T, 1) in [0, 1 - least].
         log_light: (H, 2 H, 3), logarithm of the light's radiance.
-        observed: (T, T) bool, the texels that some training view shows.
+        observed: (T, T) bool, the texels that some training pixel shows; those seen on edges alone are not among them.
     """
 
     base_colour: nn.Parameter
     observed: Tensor
 
     def __init__(
-        self, problem: Problem, gbuffer: GBuffer, *, roughness: float, metallic: float, least: float, least_roughness: float
+        self, problem: Problem, pixels: TrainingPixels, *, roughness: float, metallic: float, least: float, least_roughness: float
     ) -> None:
         """All textures start constant: the base colour at .5, the others as given; the light starts at radiance 1."""
         super().__init__()
@@ -35,8 +35,8 @@ class TexturedScene(nn.Module):
         self.roughness = nn.Parameter(torch.full((size, size, 1), roughness, device=device))
         self.metallic = nn.Parameter(torch.full((size, size, 1), metallic, device=device))
         self.log_light = nn.Parameter(torch.zeros(rows, 2 * rows, 3, device=device))
-        hit = gbuffer.face >= 0
-        uv = problem.stage.surface.uv(gbuffer.face[hit].long(), gbuffer.barycentric[hit])
+        trained = pixels.gbuffer.at(pixels.entries)
+        uv = problem.stage.surface.uv(trained.face.reshape(-1).long(), trained.barycentric.reshape(-1, 2))
         self.register_buffer("observed", splat(uv, torch.zeros(len(uv), 0, device=device), size)[1] > 0)
         self._least, self._least_roughness = least, least_roughness
 
@@ -75,7 +75,7 @@ class TexturedScene(nn.Module):
         return change[:, :3].mean(), change[:, 3:].mean()
 
     def recovered(self) -> Material:
-        """The textures, texels that no view shows filled from their neighbours."""
+        """The textures, texels that no training pixel shows filled from their neighbours."""
         parts = (self.base_colour, self.roughness, self.metallic)
         return Material(*(fill_unobserved(part.detach(), self.observed) for part in parts))
 

@@ -23,8 +23,9 @@ WIDEST, NARROWEST = 0.1, 50.0  # sharpness of a reflected lobe whose visibility 
 class LobeVisibility:
     """Visibility of lobes, V(x) = the mean of v(x, w) over directions w in proportion to the lobe, estimated by a few rays.
 
-    The original asks a network for v in 32 directions around every lobe. One ray a lobe has the same mean over the steps of a
-    fit and the points of a picture. What is below the horizon of the point's triangle is not seen. No gradient passes.
+    The original asks a network for v in 32 directions around every lobe, nearer to its axis than in proportion to it, see the
+    card. One ray a lobe has V as its mean over the steps of a fit and the points of a picture. What is below the horizon of the
+    point's triangle is not seen. No gradient passes.
     """
 
     def __init__(self, stage: Stage, generator: torch.Generator) -> None:

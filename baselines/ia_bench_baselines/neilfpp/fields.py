@@ -11,7 +11,7 @@ from torch.nn.functional import embedding
 from ia_bench_baselines.common.networks import encoded, initialise, perceptron, positional_encoding
 from ia_bench_baselines.neilfpp.method import LEAST_ROUGHNESS, NeilfppOptions
 
-FREQUENCIES = 4  # of the encodings of directions, and of positions that incident light is found by
+FREQUENCIES = 4  # of the encodings of directions
 LAST = 1e-2  # bound of the last layer's weights at the start, so that a field starts nearly constant
 BRIGHTEST = 3.0  # radiance that the surface light field can reach
 PRIMES = (1, 2_654_435_761, 805_459_861)
@@ -51,7 +51,7 @@ class HashGrid(nn.Module):
 
 
 class IncidentField(nn.Module):
-    """A perceptron of an encoded direction, into whose middle layer an encoded position enters.
+    """A perceptron of an encoded direction, into whose middle layer a position enters as it is.
 
     The middle layer is linear before its activation, so that each input's share of it is found by itself: ``middle`` of all
     directions, ``inserted`` of all positions, and ``finish`` of the sum for those pairs that are asked for.
@@ -62,10 +62,11 @@ class IncidentField(nn.Module):
         super().__init__()
         inputs = encoded(3, FREQUENCIES)
         self.front = perceptron([inputs, width, width])
-        self.along, self.at = nn.Linear(width, width), nn.Linear(inputs, width, bias=False)
+        self.along, self.at = nn.Linear(width, width), nn.Linear(3, width, bias=False)
         self.back = perceptron([width, width, 3])
-        for part in (self.front, self.along, self.at, self.back):
+        for part in (self.front, self.along, self.back):
             initialise(part.to(generator.device), generator, math.sqrt(6))
+        initialise(self.at.to(generator.device), generator)
         _start_constant(self.back, start, generator)
 
     def middle(self, direction: Tensor) -> Tensor:
@@ -74,7 +75,7 @@ class IncidentField(nn.Module):
 
     def inserted(self, position: Tensor) -> Tensor:
         """The share (N, W) of positions (N, 3)."""
-        return self.at(positional_encoding(position, FREQUENCIES))
+        return self.at(position)
 
     def finish(self, middle: Tensor) -> Tensor:
         """The outputs (K, 3) of what the middle layer holds, (K, W)."""

@@ -16,7 +16,7 @@ from ia_bench.render.reconstruction import Quality
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, bake, part_of
-from ia_bench_baselines.neilfpp.fields import HashGrid, Neilf
+from ia_bench_baselines.neilfpp.fields import BRIGHTEST, HashGrid, Neilf
 from ia_bench_baselines.neilfpp.losses import scharr_edges, second_hits, smoothness, trace_loss
 from ia_bench_baselines.neilfpp.method import NeilfppOptions
 from ia_bench_baselines.neilfpp.shading import quadrature, reflect
@@ -55,7 +55,7 @@ class NeilfFit:
                 {"params": list(part.parameters()), "lr": options.grid_rate if isinstance(part, HashGrid) else options.rate}
                 for part in parts
             ]
-            return lambda: torch.optim.AdamW(groups, eps=1e-12)
+            return lambda: torch.optim.AdamW(groups, eps=1e-12, weight_decay=0.0)
 
         return [
             Phase("surface_light", options.surface_light_steps, self._surface_light_loss, adam(outgoing), scored=False),
@@ -113,7 +113,7 @@ class NeilfFit:
         edges = self._edges[chosen].repeat_interleave(each)
         loss = loss + options.metallic_weight * metallic.mean()
         loss = loss + options.smooth_weight * smoothness(local, roughness, metallic, edges)
-        return loss if held else loss + self._outgoing_error(points, chosen)
+        return loss if held else loss + self._outgoing_error(points, chosen) / BRIGHTEST
 
 
 def encoded(radiance: Tensor) -> Tensor:

@@ -59,8 +59,11 @@ def smoothness(local: Tensor, roughness: Tensor, metallic: Tensor, edges: Tensor
 
 
 def scharr_edges(images: Tensor) -> Tensor:
-    """The length (V, H, W) of the luminance's gradient, per pixel, of linear images (V, H, W, 3), by Scharr's 3 x 3 filter."""
-    across = torch.tensor([[-3.0, 0, 3], [-10, 0, 10], [-3, 0, 3]], device=images.device) / 32
+    """The length (V, H, W) of Scharr's 3 x 3 filters, not normalised, on the luminance of linear images (V, H, W, 3).
+
+    A step of D has 16 D on both of its sides.
+    """
+    across = torch.tensor([[-3.0, 0, 3], [-10, 0, 10], [-3, 0, 3]], device=images.device)
     kernels = torch.stack([across, across.T])[:, None]
     padded = torch.nn.functional.pad((images @ images.new_tensor(LUMINANCE))[:, None], (1, 1, 1, 1), mode="replicate")
     return torch.nn.functional.conv2d(padded, kernels).norm(dim=1)

@@ -29,7 +29,7 @@ def fit(problem: Problem, options: NvdiffrecOptions, *, seed: int, monitor: Moni
         pixels = TrainingPixels(problem, side)
         scene = TexturedScene(
             problem,
-            pixels.gbuffer,
+            pixels,
             roughness=options.roughness_initial,
             metallic=options.metallic_initial,
             least=0.0,

@@ -9,10 +9,11 @@ from torch import Tensor
 
 from ia_bench.light.environment import Environment
 from ia_bench.light.latlong import SampledLight
-from ia_bench.material.brdf import MIN_ROUGHNESS
+from ia_bench.material.brdf import MIN_ROUGHNESS, normalize
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.descent import Descent, Phase
+from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.renderer import PixelRadiance
 from ia_bench.render.stage import Stage
@@ -53,13 +54,14 @@ class Fit:
     def __init__(self, problem: Problem, options: NvdiffrecmcOptions, *, seed: int, monitor: Monitor) -> None:
         self._problem, self._options, self._seed = problem, options, seed
         with problem.costs.exclude("bake"):
-            self._pixels = TrainingPixels(problem)
+            self._pixels = TrainingPixels(problem, problem.plan.subsamples)
+            self._each = problem.plan.subsamples**2
             self._views = [torch.nonzero(self._pixels.view == view)[:, 0] for view in range(len(problem.scene.train))]
             self._views = [pixels for pixels in self._views if len(pixels)]
             self._renderer = problem.stage.renderer(shadows="traced", bounces=0, coat="added")
             self._scene = TexturedScene(
                 problem,
-                self._pixels.gbuffer,
+                self._pixels,
                 roughness=options.roughness_initial,
                 metallic=options.metallic_initial,
                 least=LEAST,
@@ -94,10 +96,10 @@ class Fit:
         rendered = self._render(chosen, scene.light, generator)
 
         # ---- what reaches the surface, without its colour, and without noise ------------------------------------
-        colour = self._diffuse_colour(points.uv)
+        colour = self._mean(self._diffuse_colour(points.uv))
         demodulated = torch.cat([rendered.diffuse / colour, rendered.specular], -1)
         sigma = options.denoiser_width * min(1.0, (step + 1) / max(options.denoiser_steps, 1))
-        matt, glossy = denoise(demodulated, self._guides(chosen, points.normal, points.position), sigma).split(3, -1)
+        matt, glossy = denoise(demodulated, self._guides(chosen, points), sigma).split(3, -1)
 
         # ---- image and regularisers -----------------------------------------------------------------------------
         seen = matt * colour + glossy
@@ -121,12 +123,17 @@ class Fit:
         albedo, _, metallic = self._scene.at(uv)
         return albedo * (1 - metallic)
 
-    def _guides(self, pixels: Tensor, normal: Tensor, position: Tensor) -> Guides:
+    def _mean(self, values: Tensor) -> Tensor:
+        """The means (N, C) over the points of N pixels of what each point has, (N S, C), as the renderer has radiance."""
+        return values.unflatten(0, (-1, self._each)).mean(1)
+
+    def _guides(self, pixels: Tensor, points: SurfacePoints) -> Guides:
+        """The mean normal of each pixel's points, and how far their mean position is from the camera."""
         buffer, entries = self._pixels.gbuffer, self._pixels.entries[pixels]
         _, height, width = buffer.shape
         place = buffer.pixel[entries] % (height * width)
-        depth = (position - buffer.seen_from(entries)).norm(dim=-1, keepdim=True)
-        return Guides(place // width, place % width, normal, depth, (height, width))
+        depth = (self._mean(points.position) - buffer.seen_from(entries)).norm(dim=-1, keepdim=True)
+        return Guides(place // width, place % width, normalize(self._mean(points.normal)), depth, (height, width))
 
     def _recovered(self) -> DirectReconstruction:
         return DirectReconstruction(self._problem.stage, self._scene.recovered(), self._scene.light.detach())

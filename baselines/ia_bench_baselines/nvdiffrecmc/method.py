@@ -16,14 +16,14 @@ class NvdiffrecmcOptions:
 
     Attributes:
         steps: Of Adam; each renders one training view.
-        samples: Directions of light a pixel, one shadow ray each: half by the light, half by the BRDF.
+        samples: Directions of light a pixel, one shadow ray each: half by the light, half by the BRDF, and two a point at least.
         material_rate: Adam rate of the textures.
         light_rate: Adam rate of the log radiance of the light.
         final_rate: What the rates fall to over the fit, as a fraction.
         roughness_initial: Roughness at the start.
         metallic_initial: Metal at the start.
         denoiser_width: Of the denoiser's window at the end, standard deviation in pixels; 0 is no denoiser.
-        denoiser_steps: In which it grows from nothing to that.
+        denoiser_steps: In which it grows from nothing to that: half of ``steps`` in every preset.
         smooth_colour: Weight of the base colour's change between points near by.
         smooth_material: Weight of the same of roughness and metal.
         smooth_texels: Standard deviation of their distance, texels.
@@ -56,9 +56,9 @@ class Nvdiffrecmc:
 
     Options: ClassVar[type] = NvdiffrecmcOptions
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "smoke": {"steps": 30},
-        "full": {"steps": 4000},
-        "paper": {"steps": 35_000},
+        "smoke": {"steps": 30, "denoiser_steps": 15},
+        "full": {"steps": 4000, "denoiser_steps": 2000},
+        "paper": {"steps": 35_000, "denoiser_steps": 17_500},
     }
     info = MethodInfo(uses_prior=False)
 

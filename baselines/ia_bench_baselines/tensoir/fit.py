@@ -111,8 +111,8 @@ class TensoirFit:
 
 
 def relative_change(first: Tensor, second: Tensor) -> Tensor:
-    """The mean of ((a - b) / max(a, b))^2 of positive values."""
-    return ((first - second) / torch.maximum(first, second).clamp_min(1e-6)).square().mean()
+    """The sum over channels of ((a - b) / max(a, b))^2 of positive values (N, C), in the mean over the points."""
+    return ((first - second) / torch.maximum(first, second).clamp_min(1e-6)).square().sum(-1).mean()
 
 
 def fit(problem: Problem, options: TensoirOptions, *, seed: int, monitor: Monitor) -> Result:
