@@ -90,7 +90,7 @@ class Cache:
             with whole_file(self._folder / f"{key}.safetensors") as partial:
                 save_file(kept, partial, metadata={"about": text, "content": _content(key, kept, text)})
         except (OSError, SafetensorError) as error:
-            _say(f"{self._folder}: nothing can be kept there ({error}); set IA_BENCH_CACHE to a folder that can be written")
+            _say(f"{self._folder}: nothing can be kept there ({error.strerror or error}); set IA_BENCH_CACHE to a folder that can be written")
             return
         total = 0
         with contextlib.suppress(OSError):  # another process may remove the same
