@@ -90,7 +90,7 @@ class Cache:
             with whole_file(self._folder / f"{key}.safetensors") as partial:
                 save_file(kept, partial, metadata={"about": text, "content": _content(key, kept, text)})
         except (OSError, SafetensorError) as error:
-            why = (isinstance(error, OSError) and error.strerror) or error  # without the partial file's name, which is never the same
+            why = (isinstance(error, OSError) and error.strerror) or error  # not the partial file, whose name is never the same
             _say(f"{self._folder}: nothing can be kept there ({why}); set IA_BENCH_CACHE to a folder that can be written")
             return
         total = 0
