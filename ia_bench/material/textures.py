@@ -91,17 +91,17 @@ def _cropped(image: Tensor, size: int) -> Tensor:
 
 
 def _pull_push(values: Tensor, weight: Tensor) -> Tensor:
-    """Average premultiplied ``values`` down to one texel, then fill holes on the way up (Gortler et al. 1996).
+    """Average premultiplied ``values`` down to one texel, then fill holes on the way up (after Gortler et al. 1996).
 
-    A coarser texel is as certain as its parts together, at most entirely.
+    A coarser texel is as certain as the share of its area that was observed, so that where little around a hole is known, it is
+    filled more with the mean of all: sums of shares, as in the source, follow the neighbours, and are wrong by more in what
+    photographs do not show (docs/log/few-photographs.md).
     """
     mean = values / weight.clamp_min(1e-12)
     if values.shape[-1] == 1:
         return mean
     pool = torch.nn.functional.avg_pool2d
-    average = pool(weight, 2)
-    known = (4 * average).clamp(max=1)
-    coarse = _pull_push(pool(values, 2) / average.clamp_min(1e-12) * known, known)
+    coarse = _pull_push(pool(values, 2), pool(weight, 2))
     up = torch.nn.functional.interpolate(coarse, scale_factor=2, mode="bilinear", align_corners=False)
     return torch.lerp(up, mean, weight)
 

@@ -107,13 +107,6 @@ def test_filling_takes_the_nearer_of_two_regions() -> None:
     torch.testing.assert_close(filled, 1 - filled.flip(1), atol=1e-5, rtol=0)
 
 
-def test_filling_between_scattered_texels_follows_them() -> None:
-    """A ramp of which one texel in five is observed: what is filled keeps to it, and is no mean of everything."""
-    ramp = torch.linspace(0, 1, 128, dtype=torch.float64).expand(128, 128)[..., None]
-    observed = numbers(128, 128) < 0.2
-    assert float((fill_unobserved(ramp, observed) - ramp).abs().mean()) < 0.005
-
-
 @pytest.mark.parametrize("size", [64, 65, 96, 100])
 def test_filling_and_smoothing_know_no_side(size: int) -> None:
     """A symmetric ramp around a hole; the pyramid's cells begin at one side, which sizes that are no power of two must not show."""
