@@ -192,6 +192,10 @@ class Fit(Recovered):
 
     def _texels(self, light: Light) -> np.ndarray:
         if isinstance(light, np.ndarray):
+            if light.ndim != 3 or light.shape[1:] != (2 * len(light), 3) or not light.size:
+                raise InputError(f"light: expected an array (H, 2 H, 3) of radiance, found one of {light.shape}")
+            if not (np.isfinite(light).all() and light.min() >= 0):
+                raise InputError(f"light: expected finite radiance of 0 and more, found {light.min():.4g} to {light.max():.4g}")
             return np.asarray(light, np.float32)
         lights = {} if self.scene.truth is None else self.scene.truth.lights
         return lights[str(light)] if str(light) in lights else read_light(user_path("light", str(light)))

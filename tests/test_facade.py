@@ -56,6 +56,13 @@ def test_a_light_is_a_name_a_file_or_an_array(fit: ib.Fit, scene: ib.LoadedScene
     assert (relit.mode, relit.size) == ("RGBA", (16, 16))
     with pytest.raises(ib.InputError, match="light=dusk: no such file"):
         fit.render(camera, "dusk")
+    for wrong, said in (
+        (np.ones((16, 16, 3)), r"\(H, 2 H, 3\)"),
+        (-np.ones((4, 8, 3)), "-1 to -1"),
+        (np.full((4, 8, 3), np.nan), "nan"),
+    ):
+        with pytest.raises(ib.InputError, match=said):
+            fit.render(camera, wrong)
 
 
 def test_a_fit_is_found_from_another_folder(fit: ib.Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 from pathlib import Path
@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ia_bench.methods.contract import Monitor, Problem, Result
-    from ia_bench.scenes.scene import Mesh
+    from ia_bench.render.stage import Stage
+    from ia_bench.scenes.scene import Mesh, View
 
 OPTION = "method.options."
 SAMPLES, TARGETS = 20_000, 100_000  # points of the asset and of the scene's mesh that an alignment compares
 ITERATIONS = 100
+VIEWS, BACKS = 8, 0.2  # training views in which sides of triangles are looked at, and the share of backs that is told
 Row = tuple[float, float, float, float]
 
 
@@ -83,6 +85,9 @@ class BroughtAsset:
         from ia_bench.render.stage import Stage
 
         options = self._options
+        if options.matrix is not None and options.matrix[3] != (0, 0, 0, 1):
+            found = f"{list(options.matrix[3])}: it moves columns, with the translation in the last one"
+            raise InputError(f"{OPTION}matrix: expected [0, 0, 0, 1] as its last row, found {found}")
         path = Path(options.path).expanduser()
         asset = read_asset(
             path,
@@ -107,7 +112,21 @@ class BroughtAsset:
         usual = f"it has to lie where the cameras of the scene see it: {OPTION}up, matrix or align=icp"
         check_agreement(scene, monitor.note, mistakes=_turns(options), usual=usual)
         stage = Stage(asset.mesh, problem.device)
+        _tell_backs(path, stage.apart, scene.train[:: max(1, len(scene.train) // VIEWS)], monitor.note)
         return Result(TexturedReconstruction.of(asset, stage, problem.scene.turning), declared=options.declared)
+
+
+def _tell_backs(path: Path, stage: Stage, views: Sequence[View], note: Callable[[str], None]) -> None:
+    """Tell where the views see the backs of triangles, or shading normals that point away from them: both cost light."""
+    front = 0
+    for gbuffer in stage.gbuffers([view.camera for view in views], 1):
+        points = stage.surface(gbuffer.face[:, 0], gbuffer.barycentric[:, 0], gbuffer.seen_from())
+        front += int(points.front.sum())
+    counts = stage.counts()
+    backs, bent = 1 - front / max(counts["points"], 1), counts["bent_normals"] / max(counts["points"], 1)
+    if max(backs, bent) > BACKS:
+        expected = "expected triangles that are counter-clockwise from outside, with normals that point there"
+        note(f"warning: {path.name}: {expected}; cameras see {backs:.0%} backs, and {bent:.0%} normals that point away from them")
 
 
 def aligned(mesh: Mesh, target: Mesh) -> tuple[np.ndarray, float]:

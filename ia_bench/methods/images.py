@@ -9,6 +9,7 @@ Nothing is rescaled but by the protocol: where that aligns albedo, pictures unde
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +19,7 @@ import numpy as np
 
 from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError, expect_distinct, unknown
-from ia_bench.common.files import read_json, user_path
+from ia_bench.common.files import read_json, shown, user_path
 from ia_bench.methods.info import HeldOut, MethodInfo
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import refuse_negative
@@ -94,6 +95,11 @@ class BroughtImages:
         return Result(pictures, declared=self._options.declared)
 
 
+def _by_number(name: str) -> list[str | int]:
+    """What sorts names by the numbers in them: every second part is one."""
+    return [int(part) if place % 2 else part for place, part in enumerate(re.split(r"(\d+)", name))]
+
+
 class BroughtPictures:
     """Pictures in folders, as a :class:`ia_bench.render.reconstruction.Reconstruction`.
 
@@ -133,6 +139,9 @@ class BroughtPictures:
         wanted = [view for view, _ in views[name]]
         expect_distinct(f"{folder}: expected views of different names", wanted)
         if order == "sorted":
+            if (by_number := sorted(files, key=_by_number)) != sorted(files):
+                expected = "expected the same order by name as by number, as of 08, 09, 10"
+                raise InputError(f"{folder}: {expected}, found {shown(', '.join(by_number))}")
             wanted = sorted(files) + wanted[len(files) :]
         elif order != "names":
             frames = read_json(Path(order).expanduser()).get("frames", [])
@@ -168,6 +177,8 @@ class BroughtPictures:
             if (np.ptp(image, axis=-1) > GREY).any():
                 raise InputError(f"{path}: expected one value of roughness a pixel, found colours")
             image = image[..., 0]
+            if image.max(initial=0) > 1 + GREY:
+                raise InputError(f"{path}: expected roughness from 0 to 1, found {image.max():.4g}")
         return image, alpha
 
     def _images(self, folder: str, cameras: Sequence[Camera]) -> Images | None:

@@ -8,6 +8,7 @@ its edge, and coordinates follow. Where nobody knows the roughness, renders take
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.geometry.mesh import sound_mesh, turned_normals, unwrap
 from ia_bench.light.environment import turned
 from ia_bench.material.textures import fetch
-from ia_bench.render.asset_parts import Note, Part, Surface, read_parts, wound
+from ia_bench.render.asset_parts import OUTSIDE, Note, Part, Surface, read_parts, wound
 from ia_bench.render.indirect import Atlas
 from ia_bench.render.reconstruction import Assets
 from ia_bench.scenes.color import linear_to_srgb
@@ -35,8 +36,9 @@ ROUGHNESS = 0.5
 """What renders take where nobody knows the roughness."""
 LARGEST_SIDE = 8192  # texels of what several textures make
 BAKED = 1024  # texels along a side of a texture that is made of the colours of vertices
+ROUNDING = 0.01  # by which lossy maps may pass the ends of their range
+OVERLAP = 0.1  # of the area in texture coordinates, from which on it is told
 PART = 8  # of the largest texture's side that a material without textures has at least
-OUTSIDE = 1e-5  # by which texture coordinates may pass [0, 1]
 
 
 def read_asset(
@@ -68,15 +70,26 @@ def read_asset(
     if not parts:
         raise InputError(f"{path}: expected triangles, found none")
     surfaces = {name: _reduced(surfaces[name], texture_size) for name in dict.fromkeys(part.material for part in parts)}
+    for name, what, image in ((name, what, image) for name, one in surfaces.items() for what, image in one.maps.items()):
+        least, most, end = float(image.min()), float(image.max()), math.inf if what == "albedo" else 1.0
+        if not (least >= -ROUNDING and most <= end + ROUNDING):
+            expected = "of 0 and more" if what == "albedo" else "from 0 to 1"
+            raise InputError(f"{path}: {name}: expected {what} {expected}, found {least:.4g} to {most:.4g}")
     parts = [_with_uv(path, part, surfaces) for part in parts]
+    shares = Counter(part.material for part in parts)
     for place, part in enumerate(parts):
+        name, side = f"{part.material} {place}", texture_size or BAKED
+        if shares[part.material] > 1 and all(image.shape[:2] == (1, 1) for image in surfaces[part.material].maps.values()):
+            parts[place], surfaces[name] = replace(part, material=name), surfaces[part.material]  # or coordinates would overlap
         if part.colours is not None:
-            name, side = f"{part.material} {place}", texture_size or BAKED
             note(f"{path.name}: colours of vertices, linear as glTF has them, are baked into {side} x {side} texels")
             parts[place], surfaces[name] = _baked(replace(part, material=name), surfaces[part.material], side)
     surfaces = {part.material: surfaces[part.material] for part in parts}
     parts, surface, assumed = _as_one(path, parts, surfaces, note)
     mesh = _joined(path, parts, note)
+    if (share := _overlap(mesh)) > OVERLAP:
+        told = "lies over others in texture coordinates, where light that the object throws onto itself is kept: renders are wrong"
+        note(f"warning: {path.name}: {share:.0%} of the surface {told}")
     assert surface.roughness is not None
     asset = moved(Assets(mesh, surface.albedo, surface.roughness, surface.metallic, assumed=assumed), TO_Z_UP[up])
     if light is not None:
@@ -256,6 +269,13 @@ def _joined(path: Path, parts: Sequence[Part], note: Note) -> Mesh:
     for line in notes:
         note(line)
     return mesh
+
+
+def _overlap(mesh: Mesh) -> float:
+    """The share of the triangles' area in texture coordinates that lies over other triangles, to the texel of a fine atlas."""
+    first, second, third = mesh.uv[mesh.faces].astype(np.float64).swapaxes(0, 1)
+    area = 0.5 * float(np.abs(np.linalg.det(np.stack([second - first, third - first], 1))).sum())
+    return 1 - len(Atlas.of(mesh, BAKED, torch.device("cpu")).face) / BAKED**2 / max(area, 1e-9)
 
 
 def _about_z(degrees: float) -> np.ndarray:

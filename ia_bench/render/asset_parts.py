@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -31,6 +32,7 @@ from ia_bench.scenes.photograph import picture_values, read_values
 
 Note = Callable[[str], None]
 Parts = tuple[list["Part"], dict[str, "Surface"]]
+OUTSIDE = 1e-5  # by which texture coordinates may pass [0, 1]
 
 
 @dataclass(frozen=True)
@@ -90,14 +92,26 @@ def wound(faces: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 # ---- glTF 2.0 ------------------------------------------------------------------------------------------------------
 IGNORED = {"normalTexture": "a normal map", "emissiveTexture": "light of its own", "occlusionTexture": "an occlusion map"}
+OTHER_MODEL = "KHR_materials_pbrSpecularGlossiness"
+READ = ("KHR_materials_", "KHR_texture_transform", "EXT_texture_webp")
+"""How extensions begin that a file may require: a material's are left out with a note, or refused where a texture has them."""
+METALLIC = {"metallicFactor", "metallicRoughnessTexture"}
+FAN, FLOAT, REPEAT = 6, 5126, 10497  # as the specification numbers them
 
 
 def _gltf(path: Path, note: Note) -> tuple[list[Part], dict[str, Surface]]:
     """Parts and materials of a glTF file; trimesh reads geometry and pictures, factors are taken from the file, unrounded."""
     header, rest = _header(path)
+    _expect_plain(path, header)
     materials = header.setdefault("materials", [])
+    used = {IGNORED[key] for material in materials for key in IGNORED if key in material}
+    used |= {"transparency" for material in materials if material.get("alphaMode", "OPAQUE") != "OPAQUE"}
+    used |= {"light of its own" for material in materials if any(material.get("emissiveFactor", ()))}
+    used |= {extension for material in materials for extension in material.get("extensions", ())}
     for number, material in enumerate(materials):  # so that trimesh says which one it means
-        material["name"], material["_name"] = str(number), material.get("name", f"material {number}")
+        material["name"], material["_name"] = str(number), material.get("name") or f"material {number}"
+        if "pbrMetallicRoughness" in material:  # or trimesh would take the other model's textures
+            material.get("extensions", {}).pop(OTHER_MODEL, None)
     for primitive in (one for mesh in header.get("meshes", []) for one in mesh.get("primitives", [])):
         primitive.setdefault("material", len(materials))  # of its own where there is none: trimesh would round its colours
     materials.append({"name": str(len(materials)), "_name": ""})
@@ -106,9 +120,10 @@ def _gltf(path: Path, note: Note) -> tuple[list[Part], dict[str, Surface]]:
         text += b" " * (-len(text) % 4)
         text = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON") + text + rest
     parts, surfaces = [], dict[str, Surface]()
-    used = {IGNORED[key] for material in materials for key in IGNORED if key in material}
-    used |= {"transparency" for material in materials if material.get("alphaMode", "OPAQUE") != "OPAQUE"}
-    used |= {"light of its own" for material in materials if any(material.get("emissiveFactor", ()))}
+    metals = [one for one in materials[:-1] if not METALLIC & one.get("pbrMetallicRoughness", {}).keys()]
+    if metals:
+        names = ", ".join(shown(one["_name"]) for one in metals)
+        note(f"{path.name}: no metallicFactor of {names}, which in glTF is metal: 0 says that it is none")
     if used:
         note(f"{path.name}: {', '.join(sorted(used))} left out: materials here have base colour, roughness and metallic")
     for mesh, matrix, normals in placed_parts(parsed_by_trimesh(path, text)):
@@ -121,9 +136,35 @@ def _gltf(path: Path, note: Note) -> tuple[list[Part], dict[str, Surface]]:
         if colours is not None:  # linear, as glTF has them, whatever their type
             colours = np.asarray(colours, np.float32)[:, :3] / (np.iinfo(colours.dtype).max if colours.dtype.kind == "u" else 1)
             colours = None if (colours == 1).all() else colours  # white changes nothing
+        if uv is not None and np.floor(uv.min(0) + OUTSIDE).any() and not _repeats(header, int(name)):
+            where = f"{path}: material {shown(materials[int(name)]['_name'])}"
+            raise InputError(f"{where}: expected textures that repeat, or coordinates within 0 ... 1, found neither")
         vertices = np.asarray(mesh.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
         parts.append(Part(vertices, wound(mesh.faces, matrix), normals, uv, name, colours))
     return parts, surfaces
+
+
+def _expect_plain(path: Path, header: Mapping[str, Any]) -> None:
+    """Raise InputError for geometry that trimesh leaves out, or takes for something else without a word."""
+    found = [name for name in header.get("extensionsRequired", []) if not name.startswith(READ)]
+    accessors = dict(enumerate(header.get("accessors", [])))
+    for primitive in (one for mesh in header.get("meshes", []) for one in mesh.get("primitives", [])):
+        stored = {name: accessors.get(number, {}) for name, number in primitive.get("attributes", {}).items()}
+        whole = stored.get("TEXCOORD_0", {}).get("componentType", FLOAT) != FLOAT
+        sparse = any("sparse" in accessor for accessor in stored.values())
+        found += ["whole numbers for TEXCOORD_0"] * whole + ["sparse accessors"] * sparse
+        found += ["triangle fans"] * (primitive.get("mode") == FAN)
+    if found:
+        expected = "expected triangles with plain coordinates in floating point, as exporters write them without compression"
+        raise InputError(f"{path}: {expected}, found {', '.join(dict.fromkeys(found))}")
+
+
+def _repeats(header: Mapping[str, Any], number: int) -> bool:
+    """Whether the textures of a material repeat beyond their edges, as they do unless a sampler says something else."""
+    said = header["materials"][number].get("pbrMetallicRoughness", {})
+    textures = [header["textures"][said[key]["index"]] for key in ("baseColorTexture", "metallicRoughnessTexture") if key in said]
+    samplers = [header["samplers"][texture["sampler"]] for texture in textures if "sampler" in texture]
+    return all(sampler.get(key, REPEAT) == REPEAT for sampler in samplers for key in ("wrapS", "wrapT"))
 
 
 def _header(path: Path) -> tuple[dict[str, Any], bytes]:
@@ -160,7 +201,7 @@ def _gltf_surface(path: Path, header: Mapping[str, Any], number: int, base: Any,
             )
         if picture is None:
             raise InputError(f"{where}: {key}: expected a picture (PNG, JPEG), found none that can be read")
-    if "pbrMetallicRoughness" not in material and "KHR_materials_pbrSpecularGlossiness" in material.get("extensions", {}):
+    if "pbrMetallicRoughness" not in material and OTHER_MODEL in material.get("extensions", {}):
         raise InputError(f"{where}: expected the metallic-roughness model, found specular-glossiness")
     pictures = [None if one is None else _picture(path, one) for one in (base, packed)]
     return _surface_of(found, *pictures)
@@ -194,6 +235,8 @@ def _obj(path: Path, note: Note) -> tuple[list[Part], dict[str, Surface]]:
     if materials is None:
         raise InputError(f"{path}: expected mtllib FILE.mtl, which says where the textures are, found none")
     said = _mtl(materials)
+    if re.search(rb"^v([ \t]+[^\s#]+){6}", path.read_bytes(), re.MULTILINE):
+        note(f"{path.name}: colours of vertices are left out: in OBJ nobody says how they are encoded; glTF has them")
     meshes = list(loaded.geometry.values()) if hasattr(loaded, "geometry") else [loaded]
     parts, surfaces = [], dict[str, Surface]()
     for mesh in (one for one in meshes if hasattr(one, "faces")):

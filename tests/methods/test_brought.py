@@ -138,6 +138,24 @@ def test_axes_that_are_wrong_are_named_with_those_that_would_be_right(scene: Sce
     assert said in warning
 
 
+def test_a_matrix_that_moves_rows_is_refused(scene: Scene, files: Path) -> None:
+    transposed = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0.1, 0, 0, 1))
+    with pytest.raises(InputError, match=r"matrix: expected \[0, 0, 0, 1\] as its last row, found \[0.1, 0.0, 0.0, 1.0\]"):
+        brought(scene, BroughtAsset, path=str(files / "asset.glb"), matrix=transposed)
+
+
+@pytest.mark.parametrize(("wound", "out"), [(-1, 1), (1, -1), (1, 1)])
+def test_a_mesh_that_is_inside_out_is_told(scene: Scene, asset: Assets, tmp_path: Path, wound: int, out: int) -> None:
+    """But at silhouettes, where a shading normal may point away from the camera whichever way all of them point."""
+    mesh = replace(asset.mesh, faces=asset.mesh.faces[:, ::wound].copy(), normals=out * asset.mesh.normals)
+    (tmp_path / "turned.glb").write_bytes(glb(mesh, asset.albedo, asset.roughness))
+    _, notes = brought(scene, BroughtAsset, path=str(tmp_path / "turned.glb"))
+    told = [note for note in notes if "counter-clockwise from outside" in note]
+    percentages = [int(number) for number in re.findall(r"(\d+)%", " ".join(told))]
+    expected = [] if wound == out else [100 * (wound < 0), 100]
+    np.testing.assert_allclose(percentages, expected, atol=5)
+
+
 # ---- pictures ----
 def test_pictures_are_scored_as_they_are(scene: Scene, pictures: Path) -> None:
     result, notes = brought(scene, BroughtImages, path=str(pictures))
@@ -223,6 +241,16 @@ MISTAKES: dict[str, tuple[Callable[[Path], object], dict[str, str], str]] = {
     ),
     "one channel": (exr("albedo/0000.exr", 4, lambda image: image[..., :1]), {}, "expected channels R, G, B, found Y"),
     "colours": (exr("roughness/0000.exr", 4, lambda image: image * SPOTTED), {}, "expected one value of roughness a pixel"),
+    "too rough": (
+        exr("roughness/0000.exr", 4, lambda image: image * [255, 255, 255, 1]),
+        {},
+        "expected roughness from 0 to 1, found",
+    ),
+    "10 before 9": (
+        lambda folder: [renamed("albedo/0000.exr", "albedo/9.exr")(folder), renamed("albedo/0001.exr", "albedo/10.exr")(folder)],
+        {"order": "sorted"},
+        "expected the same order by name as by number, as of 08, 09, 10, found 0002, 0003, 9, 10",
+    ),
     "nothing": (lambda folder: [*map(shutil.rmtree, folder.iterdir())], {}, "expected some of the folders albedo, roughness"),
     "other folder": (renamed("albedo", "albedo_gone"), {}, "unknown folder 'albedo_gone'; did you mean 'albedo'?"),
     "missing light": (renamed("relighting/night", "../night"), {}, "expected every novel light, found no relighting/night"),

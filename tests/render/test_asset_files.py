@@ -22,10 +22,11 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.material.textures import fetch
 from ia_bench.render.asset_files import ROUGHNESS, glb, read_asset
 from ia_bench.render.asset_parts import asset_files
-from ia_bench.render.reconstruction import Assets
+from ia_bench.render.reconstruction import Assets, Quality, TexturedReconstruction
+from ia_bench.render.stage import Stage
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import write_exr
-from ia_bench.scenes.scene import Mesh
+from ia_bench.scenes.scene import Camera, Mesh
 
 VERTICES = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 3.0]])
 FACES = np.array([[0, 1, 2], [1, 3, 2]])
@@ -53,9 +54,9 @@ def at_corner(asset: Assets, texture: np.ndarray, place: np.ndarray) -> np.ndarr
     return at(texture, asset.mesh.uv[nearest : nearest + 1])[0]
 
 
-def gltf(path: Path, change: Callable[[dict[str, Any]], None], **material: Any) -> Path:
+def gltf(path: Path, change: Callable[[dict[str, Any]], None], uv: np.ndarray = UV, **material: Any) -> Path:
     """A .glb by trimesh of one square with ``material``, whose JSON is then changed."""
-    visual = trimesh.visual.TextureVisuals(uv=UV, material=PBRMaterial(**material))
+    visual = trimesh.visual.TextureVisuals(uv=uv, material=PBRMaterial(**material))
     content = trimesh.Scene(trimesh.Trimesh(VERTICES, FACES, visual=visual, process=False)).export(file_type="glb")
     size = struct.unpack_from("<I", content, 12)[0]
     header = json.loads(content[20 : 20 + size])
@@ -112,6 +113,27 @@ def test_factors_are_not_rounded_and_multiply_textures(tmp_path: Path) -> None:
     np.testing.assert_allclose(asset.metallic, 0.7 * packed[..., 2] / 255, rtol=1e-5)
     flat, _ = read(gltf(tmp_path / "b.glb", change))
     np.testing.assert_allclose(flat.albedo, np.reshape([0.013, 0.5, 0.25], (1, 1, 3)), rtol=1e-6)
+
+
+def test_a_material_without_a_name_and_with_a_second_model_keeps_its_own_values(tmp_path: Path) -> None:
+    base, other = picture(0), picture(1)
+    glossy = {
+        "KHR_materials_pbrSpecularGlossiness": {"diffuseTexture": {"index": 1}, "glossinessFactor": 1.0},
+        "KHR_materials_ior": {},
+    }
+
+    def change(header: dict[str, Any]) -> None:
+        header["materials"][0] |= {"name": "", "extensions": glossy}
+        header["materials"][0]["pbrMetallicRoughness"].pop("metallicRoughnessTexture")
+        header["materials"][0]["pbrMetallicRoughness"] |= {"baseColorFactor": [0.5, 0.25, 1, 1], "roughnessFactor": 0.3}
+
+    pictures = {"baseColorTexture": Image.fromarray(base), "metallicRoughnessTexture": Image.fromarray(other)}
+    asset, notes = read(gltf(tmp_path / "a.glb", change, **pictures))
+    np.testing.assert_allclose(asset.albedo, [0.5, 0.25, 1] * srgb_to_linear(base / 255), rtol=1e-5)
+    assert (asset.roughness == np.float32(0.3)).all()
+    assert (asset.metallic == 1).all()  # what the specification has for a file that says none
+    assert [note for note in notes if "metallicFactor of material 0" in note]
+    assert [note for note in notes if "KHR_materials_ior, KHR_materials_pbrSpecularGlossiness left out" in note]
 
 
 def test_up_matrix_and_turned_light(tmp_path: Path) -> None:
@@ -184,6 +206,15 @@ def test_numbers_of_mtl(tmp_path: Path, mtl: str, roughness: float, metallic: fl
     assert any("unknown" in note for note in notes) == (roughness == ROUGHNESS)
 
 
+def test_colours_of_vertices_in_an_obj_are_left_out_with_a_note(tmp_path: Path) -> None:
+    path = obj(tmp_path, "newmtl one\nKd .5 .5 .5\nPr 1\n")
+    assert not any("colours of vertices" in note for note in read(path)[1])
+    path.write_text(re.sub(r"^(v .*)$", r"\1 1 0 0", path.read_text(), flags=re.MULTILINE))
+    asset, notes = read(path)
+    assert any("colours of vertices are left out" in note for note in notes)
+    assert (asset.albedo == 0.5).all()
+
+
 def test_several_materials_share_one_texture_and_keep_their_values(tmp_path: Path) -> None:
     wide, tall = picture(0, 4, 16), picture(1, 8, 2)
     mtl = "newmtl one\nmap_Kd wide.png\nPr .25\nnewmtl two\nmap_Kd tall.png\nmap_Pr tall.png\nnewmtl three\nKd .1 .2 .3\nPr 1\n"
@@ -254,6 +285,34 @@ def test_colours_of_vertices_are_baked_and_multiply_the_texture(tmp_path: Path, 
     assert asset.assumed == (set() if textured else {"roughness"})
 
 
+def test_two_meshes_of_one_material_throw_no_light_onto_each_other(tmp_path: Path) -> None:
+    """A sheet alone, and far away a box without a lid: in texture coordinates of their own one would lie over the other."""
+    box = trimesh.creation.box()
+    box.update_faces(box.triangles_center[:, 2] < 0.49)
+    box.invert()  # the inside is what light leaves
+    sheet = trimesh.Trimesh([[6, 0, 0], [7, 0, 0], [6, 1, 0], [7, 1, 0.0]], [[0, 1, 2], [1, 3, 2]], process=False)
+    for solid in (sheet, box):
+        material = PBRMaterial(name="one", baseColorFactor=[204] * 3, roughnessFactor=1.0, metallicFactor=0.0)
+        solid.visual = trimesh.visual.TextureVisuals(material=material)
+    (tmp_path / "two.glb").write_bytes(trimesh.Scene([sheet, box]).export(file_type="glb"))
+    asset, notes = read(tmp_path / "two.glb", up="z")
+    assert not any("lies over others" in note for note in notes)
+    camera = Camera(np.array([[1, 0, 0, 6.5], [0, 1, 0, 0.5], [0, 0, 1, 3], [0, 0, 0, 1.0]]), (40.0, 40.0), (4.0, 4.0), 8, 8)
+    found = TexturedReconstruction.of(asset, Stage(asset.mesh, torch.device("cpu")))
+    light = LatLongEnvironment(torch.ones(8, 16, 3))
+    drawn = found.render([camera], light=light, albedo_scale=None, quality=Quality(1, 256))
+    np.testing.assert_allclose(drawn.images[0], 0.8, atol=0.02)  # what a rough, convex surface reflects of a uniform light of 1
+
+
+def test_a_texture_that_parts_share_is_told(tmp_path: Path) -> None:
+    def twice(header: dict[str, Any]) -> None:
+        header["nodes"] = [{"mesh": 0}, {"mesh": 0, "translation": [5, 0, 0]}]
+        header["scenes"] = [{"nodes": [0, 1]}]
+
+    _, notes = read(gltf(tmp_path / "a.glb", twice, baseColorTexture=Image.fromarray(picture(0))))
+    assert any("50% of the surface lies over others" in note for note in notes)
+
+
 def test_a_large_texture_is_reduced(tmp_path: Path) -> None:
     values = picture(0, 8, 8)
     path = gltf(tmp_path / "a.glb", lambda header: None, baseColorTexture=Image.fromarray(values))
@@ -271,6 +330,17 @@ def set_in(*keys: str | int, value: Any) -> Callable[[dict[str, Any]], None]:
     return change
 
 
+def set_of_coordinates(**values: Any) -> Callable[[dict[str, Any]], None]:
+    def change(header: dict[str, Any]) -> None:
+        header["accessors"][header["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"]] |= values
+
+    return change
+
+
+def mirrored(header: dict[str, Any]) -> None:
+    header["samplers"], header["textures"][0]["sampler"] = [{"wrapS": 33648}], 0
+
+
 BASE = ("materials", 0, "pbrMetallicRoughness", "baseColorTexture")
 GLTF_MISTAKES = {
     "second texture coordinates": (set_in(*BASE, "texCoord", value=1), "baseColorTexture: expected the first texture coordinates"),
@@ -280,6 +350,15 @@ GLTF_MISTAKES = {
         set_in("materials", 0, value={"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}}),
         "found specular-glossiness",
     ),
+    "compressed": (set_in("extensionsRequired", value=["KHR_draco_mesh_compression"]), "found KHR_draco_mesh_compression"),
+    "quantized": (set_of_coordinates(componentType=5123, normalized=True), "found whole numbers for TEXCOORD_0"),
+    "sparse": (set_of_coordinates(sparse={"count": 1}), "found sparse accessors"),
+    "a fan": (set_in("meshes", 0, "primitives", 0, "mode", value=6), "found triangle fans"),
+    "mirrored beyond its edge": (mirrored, "expected textures that repeat"),
+    "out of range": (
+        set_in("materials", 0, "pbrMetallicRoughness", "roughnessFactor", value=2),
+        "expected roughness from 0 to 1, found 2 to 2",
+    ),
 }
 
 
@@ -287,7 +366,7 @@ GLTF_MISTAKES = {
 def test_what_is_not_done_of_gltf_is_refused(tmp_path: Path, case: str) -> None:
     change, said = GLTF_MISTAKES[case]
     with pytest.raises(InputError, match=re.escape(said)):
-        read(gltf(tmp_path / "a.glb", change, baseColorTexture=Image.fromarray(picture(0))))
+        read(gltf(tmp_path / "a.glb", change, UV + [1, 0], baseColorTexture=Image.fromarray(picture(0))))
 
 
 OBJ_MISTAKES = {
