@@ -70,13 +70,15 @@ def choices() -> str:
 
 
 def _choices(group: str) -> dict[str, str]:
-    """Name -> what it is: the first comment of its YAML file that is no command, or whose plug-in it is."""
+    """Name -> what it is: the first sentence of its YAML file's comments, behind its command, or whose plug-in it is."""
     found, roots = {}, list[Path]()
     with suppress(InputError):  # where no scene is at all
         roots = scenes_folders()
     for path in sorted((conf_folder() / group).glob("*.yaml")):
-        comments = (line.removeprefix("# ") for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("# "))
-        about = next((line for line in comments if not line.startswith("ia-bench ")), "")
+        comments = [line.removeprefix("# ") for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("# ")]
+        said = [line for line in comments if not line.startswith(("@package", "ia-bench "))]
+        end = next((place for place, line in enumerate(said) if line.endswith((".", "?"))), len(said))
+        about = " ".join(said[: end + 1])
         here = group != "scene" or any((root / path.stem).is_dir() for root in roots)
         found[path.stem] = about if here else f"(not here) {about}"
     for kind in registry.KINDS:

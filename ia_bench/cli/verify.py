@@ -99,7 +99,9 @@ def _score_again(wanted: argparse.Namespace, paths: Sequence[Path]) -> int:
     verifier, result = Verifier(scenes), dict[str, dict[str, str]]()
     runs, agreed = 0, True
     for path in packs:
-        states = result[digest_of(path) or ""] = {}
+        states, digest = dict[str, str](), digest_of(path)
+        if digest is not None:  # of a file that can be read at all
+            result[digest] = states
         try:
             with Progress() as progress:
                 verdicts = verifier.verify(path, progress)

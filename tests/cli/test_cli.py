@@ -118,6 +118,7 @@ def test_help_describes_every_choice(capfd: pytest.CaptureFixture[str]) -> None:
             assert f" {path.stem} " in screen.replace("\n", " ")
             line = next(line for line in text.splitlines() if line.startswith(f"  {path.stem} "))
             assert len(line) > 28
+            assert not line[19:].strip().startswith(("@", "ia-bench "))  # a directive of Hydra, a command
     assert max(map(len, (screen + text).splitlines())) <= 121
     described = {scene: text.partition(f"  {scene} ")[2].partition("\n  ")[0] for scene in ("bear", "hat")}
     assert {scene: "(not here)" in told for scene, told in described.items()} == {"bear": True, "hat": False}

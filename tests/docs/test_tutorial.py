@@ -1,15 +1,18 @@
-"""The tutorial's prior passes the check as it says, and its table has the rows that it shows."""
+"""What the tutorial, the page of usage and the notation show: a prior that passes the check as it says, tables, names."""
 
 import re
 import sys
 from pathlib import Path
+from textwrap import dedent
 
 import pytest
 import yaml
 
 from ia_bench.cli.main import main
+from ia_bench.runs.table import load_table
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "tutorial.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 
 
 def block(language: str) -> str:
@@ -30,3 +33,25 @@ def test_its_prior_is_checked_and_runs(tmp_path: Path, monkeypatch: pytest.Monke
     assert [row["name"] for row in rows] == re.findall(r"^\| (\w+) \| \d\d\.\d\d \|", PAGE, re.MULTILINE)
     assert main(["run", *rows[1]["overrides"], "scene=tiny", "preset=smoke", "device=cpu", "threads=1", "out=result"]) == 0
     sys.modules.pop("my_prior")
+
+
+def test_the_table_of_the_usage_page_is_one(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "usage.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"^    scenes:.*?(?=^\S)", page, re.MULTILINE | re.DOTALL)
+    (tmp_path / "mine.yaml").write_text(dedent(shown), encoding="utf-8")
+    table = load_table(str(tmp_path / "mine.yaml"))
+    assert table.scene_names == ["hat", "mug"]
+    assert table.claims
+
+
+def test_names_of_the_notation_are_in_the_files_beside_them() -> None:
+    page = (ROOT / "docs" / "notation.md").read_text(encoding="utf-8")
+    missing = []
+    for _, code, where in re.findall(r"^\| (.+) \| (.*`.*) \| (`.+) \|$", page, re.MULTILINE):
+        places = [ROOT / "ia_bench" / place for place in re.findall(r"`([^`]+)`", where)]
+        files = [file for place in places for file in ([place] if place.is_file() else place.rglob("*.py"))]
+        words = {word for file in files for word in re.findall(r"\w+", file.read_text(encoding="utf-8"))}
+        missing += [
+            name for name in re.findall(r"`([^`]+)`", code) if re.findall(r"[a-z_]\w*", name, re.IGNORECASE)[-1] not in words
+        ]
+    assert not missing, ", ".join(missing)
