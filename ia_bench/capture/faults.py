@@ -16,7 +16,7 @@ from ia_bench.capture.settings import FaultSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
 from ia_bench.geometry.consistency import moved, pixel_motions, seen_at
-from ia_bench.geometry.hull import HALF, carving_mask, centre_of, outline_distance
+from ia_bench.geometry.hull import HALF, carving_mask, centre_of, grown_mask, outline_distance
 from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import Camera, View, farthest_first
 
@@ -57,8 +57,7 @@ def mistaken_masks(views: Sequence[View], faults: FaultSettings) -> list[np.ndar
     for place, view in enumerate(views):
         mask, pixels = view.mask, faults.mask_growth + faults.mask_jitter * _random(faults, GROWTH, view).uniform(-1, 1)
         if pixels:
-            grown = (HALF + pixels - outline_distance(carving_mask(view))).clip(0, 1).astype(np.float32)
-            mask = np.where(~view.known & (mask == 0), np.float32(0), grown)
+            mask = grown_mask(view, pixels)
         if place in chosen:  # it loses what is on one side of a line through its middle
             angle = _random(faults, SIDE, view).uniform(0, 2 * np.pi)
             rows, columns = np.nonzero(view.mask > HALF)

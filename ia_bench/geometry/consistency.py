@@ -18,12 +18,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from scipy.ndimage import binary_erosion
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.hull import HALF, carving_mask, centre_of, outline_distance, visual_hull
+from ia_bench.geometry.hull import HALF, carving_mask, centre_of, grown_mask, outline_distance, visual_hull
 from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import Camera, View
 
@@ -71,8 +72,8 @@ class Outline:
 def outline(view: View, grid: DistanceGrid) -> Outline:
     """The outline of a view's mask beside that of the shape in ``grid``."""
     distance = outline_distance(carving_mask(view))
-    near = np.pad((np.abs(distance) < NEAR)[2:-2, 2:-2], 2)  # the edges of the picture, which cut an object off, are no outlines
-    rows, columns = np.nonzero(near)
+    seen = binary_erosion(view.known | (view.mask > 0), np.ones((5, 5)))  # the edges of what is seen, which cut, are no outlines
+    rows, columns = np.nonzero((np.abs(distance) < NEAR) & seen)
     normal = np.stack(np.gradient(distance)[::-1], -1)[rows, columns]  # along columns, along rows
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
     points, beyond = nearest_to_rays(view.camera, rows, columns, grid)
@@ -102,8 +103,7 @@ def _mended(view: View, found: Outline, unknowns: np.ndarray) -> View:
     camera, growth = moved(view.camera, -found.units * unknowns[:6]), unknowns[6]
     if abs(growth) < LEAST:
         return replace(view, camera=camera)
-    mask = (HALF - growth - outline_distance(carving_mask(view))).clip(0, 1).astype(np.float32)
-    mask = np.where(view.known | (view.mask > 0), mask, np.float32(0))
+    mask = grown_mask(view, -growth)
     added = (mask > 0) & (view.mask == 0)
     image = straight(view.image, view.mask) * mask[..., None]
     return replace(view, camera=camera, image=image, mask=mask, valid=view.known & ~added)

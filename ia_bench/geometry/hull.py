@@ -88,6 +88,16 @@ def outline_distance(mask: np.ndarray) -> np.ndarray:
     return np.where(whole == 0, offset, distance).astype(np.float32)
 
 
+def grown_mask(view: View, pixels: float) -> np.ndarray:
+    """The view's mask (H, W) larger by so many pixels, or smaller if they are below 0; 0 where nothing is known.
+
+    Where it meets what nobody knows, it neither shrinks nor does anything grow from there.
+    """
+    distance = outline_distance(view.mask if pixels > 0 else carving_mask(view))
+    grown = (HALF + pixels - distance).clip(0, 1).astype(np.float32)
+    return np.where(view.known | (view.mask > 0), grown, np.float32(0))
+
+
 def _edge_pixels(values: np.ndarray) -> np.ndarray:
     """Of every two neighbours (H, W) on different sides of one half, that which is nearer to it; both if neither is."""
     inside, away = values > HALF, np.abs(values - HALF)

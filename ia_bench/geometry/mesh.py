@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
@@ -20,7 +20,7 @@ from ia_bench.scenes.scene import Mesh
 if TYPE_CHECKING:
     import trimesh
 
-READ = "1"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
+READ = "2"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
 
 
@@ -30,6 +30,7 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
     ``uv``: "mesh" uses the file's texture coordinates, "xatlas" makes new ones.
 
     A PLY file, which refers to no other, is kept in the cache as it was found: that is half a second sooner than trimesh itself.
+    Triangles end up counter-clockwise from outside.
 
     Raises InputError for a file without triangles, with NaN or Inf vertices, or (with "mesh") without UV, or UV outside [0, 1].
     """
@@ -60,7 +61,25 @@ def _read_mesh(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
         raise InputError(f"{path}: expected triangles, found none")
     texture_uv = getattr(loaded.visual, "uv", None)
-    return sound_mesh(path, loaded.vertices, loaded.faces, stored, texture_uv, uv=uv)
+    mesh, notes = sound_mesh(path, loaded.vertices, loaded.faces, stored, texture_uv, uv=uv)
+    return _wound_outward(mesh, path, notes)
+
+
+def _wound_outward(mesh: Mesh, path: Path, notes: tuple[str, ...]) -> tuple[Mesh, tuple[str, ...]]:
+    """The mesh with its triangles counter-clockwise from outside: as most normals say, and so that a closed one has a volume."""
+    import trimesh
+
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if (across * mesh.normals[mesh.faces].sum(1)).sum() < 0:
+        mesh = replace(mesh, faces=np.ascontiguousarray(mesh.faces[:, ::-1]))
+        notes = (*notes, f"{path.name}: triangles wound against the stored normals; all of them turned round")
+    places, shared = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    solid = trimesh.Trimesh(places, shared.reshape(-1)[mesh.faces], process=False)
+    if solid.is_watertight and solid.volume < 0:
+        mesh = replace(mesh, faces=np.ascontiguousarray(mesh.faces[:, ::-1]), normals=-mesh.normals)
+        notes = (*notes, f"{path.name}: a closed mesh that is inside out; triangles and normals turned round")
+    return mesh, notes
 
 
 def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa: ANN401 (a trimesh.Trimesh or Scene)

@@ -21,6 +21,7 @@ from ia_bench.scenes.scene import OPENCV_AXES, Camera, View
 
 NamedFrame = tuple[str, Mapping[str, Any]]
 """How messages name a frame of transforms.json, and what is said of it."""
+PATHS = "file_path", "mask_path"
 SKEW = 1e-3  # of the focal length: what a calibration may leave and no image shows
 PARALLEL = 1e-3  # share of the largest eigenvalue below which the axes of cameras do not fix a point
 FOLDED = 1e-9  # a slope or an area below it: two points in one place
@@ -64,7 +65,8 @@ def rigid(where: str, key: str, value: object) -> np.ndarray:
     """``value``, read from ``key``, as a rotation and a translation (4, 4) float64. Raises InputError for anything else."""
     to_world = numbers(value)
     if to_world.shape != (4, 4) or not np.isfinite(to_world).all():
-        raise InputError(f"{where}: {key}: expected 4 x 4 finite numbers, found shape {to_world.shape}")
+        found = "NaN or infinity" if to_world.shape == (4, 4) else f"shape {to_world.shape}"
+        raise InputError(f"{where}: {key}: expected 4 x 4 finite numbers, found {found}")
     rotation = to_world[:3, :3]
     if np.abs(to_world[3] - (0, 0, 0, 1)).max() > 1e-6:  # a transposed matrix holds a rotation too
         raise InputError(f"{where}: {key}: expected the last row 0 0 0 1, found {to_world[3].tolist()}")
@@ -87,8 +89,8 @@ def focal_of(where: str, key: str, angle: float, width: int) -> float:
 def frames_of(path: Path) -> list[NamedFrame]:
     """Every frame of the file, completed by what the file says of all of them, and how messages name it.
 
-    ``frames`` is a list, or an object whose keys number or name its frames. Raises InputError, also for a photograph that two
-    frames name.
+    ``frames`` is a list, or an object whose keys number or name its frames; Windows' paths become ours, as Instant-NGP does it.
+    Raises InputError, also for a photograph that two frames name.
     """
     content = read_json(path)
     listed = content.pop("frames", None)
@@ -99,7 +101,8 @@ def frames_of(path: Path) -> list[NamedFrame]:
         where = f"{path}: frames[{key!r}]"
         if not isinstance(frame, dict):
             raise InputError(f"{where}: expected an object, found {type(frame).__name__}")
-        frames.append((where, {**content, **frame}))
+        paths = {key: value.replace("\\", "/") for key, value in frame.items() if key in PATHS and isinstance(value, str)}
+        frames.append((where, {**content, **frame, **paths}))
     expect_each_once(photographs(frames))
     return frames
 
@@ -125,7 +128,7 @@ def expect_each_once(named: Iterable[tuple[str, str]]) -> None:
 
 def plain(name: object) -> str:
     """A path without ``./`` and the like, to be compared."""
-    return os.path.normpath(str(name))
+    return os.path.normpath(str(name).replace("\\", "/"))
 
 
 def camera(where: str, frame: Mapping[str, Any], width: int, height: int) -> Camera:
@@ -219,8 +222,9 @@ def expect_looking_at_object(source: str, views: Sequence[View]) -> None:
 
 
 # ---------------------------------------------------------------- lenses
-PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
-MODELS = (*PINHOLES, "OPENCV", "RADIAL", "SIMPLE_RADIAL", "perspective")
+MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "RADIAL", "SIMPLE_RADIAL", "perspective")
+FLAGS = {"is_fisheye": "OPENCV_FISHEYE"} | {key: key for key in ("equirectangular", "latlong", "ftheta_p0")}
+"""By what key Instant-NGP says that a lens is none of these, and its name."""
 
 
 @dataclass(frozen=True)
@@ -251,16 +255,18 @@ class Lens:
 def lens(where: str, frame: Mapping[str, Any]) -> Lens:
     """The lens of a frame of transforms.json: ``camera_model`` and k1, k2, k3, k4, p1, p2, each 0 where it is absent.
 
+    Coefficients count whatever the model is called, as in nerfstudio.
+
     Raises InputError, with its name, for a model that is none of these.
     """
-    usual = "OPENCV_FISHEYE" if frame.get("is_fisheye") else "OPENCV"  # as Instant-NGP says it
-    model = frame.get("camera_model", usual)
+    flagged = [name for key, name in FLAGS.items() if frame.get(key, False) is not False]
+    model = flagged[0] if flagged else frame.get("camera_model", "OPENCV")
     if model not in MODELS:
         raise InputError(
             f"{where}: camera_model: expected one of {', '.join(MODELS)}, found {shown(repr(model))}; "
             "undistort the photographs first (colmap image_undistorter)"
         )
-    return Lens(**{key: number(where, frame, key) for key in asdict(Lens()) if key in frame and model not in PINHOLES})
+    return Lens(**{key: number(where, frame, key) for key in asdict(Lens()) if key in frame})
 
 
 def undistorted(where: str, view: View, glass: Lens) -> View:

@@ -15,11 +15,11 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.readers.base import UnsplitReader
 from ia_bench.readers.cameras import from_projection
-from ia_bench.readers.pictures import mask_beside, photograph, pictures_in
+from ia_bench.readers.pictures import masks_of, photograph, pictures_in
 from ia_bench.scenes.photograph import read_arrays
 from ia_bench.scenes.scene import Scene, View
 
-CAMERAS = "cameras.npz"
+CAMERAS = "cameras.npz", "cameras_sphere.npz"  # of IDR, and of NeuS, which lays its scans and BlendedMVS out alike
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,14 +32,16 @@ class DtuReader(UnsplitReader):
         """The scene; the dataset has no truth of material or light. Raises InputError."""
         notes, folder = list[str](), self.folder
         photos = pictures_in(folder / "image")
-        matrices = _matrices(file_below(folder, CAMERAS, str(folder)), len(photos))
+        masks = masks_of(folder / "mask", photos, notes)
+        name = next((name for name in CAMERAS if (folder / name).is_file()), CAMERAS[0])
+        matrices = _matrices(file_below(folder, name, str(folder)), len(photos))
         scale = matrices[0][1]
 
         def view(place: int) -> View:
             path, (world, _) = photos[place], matrices[place]
-            photo = photograph(path, mask_beside(folder / "mask", path), notes)
+            photo = photograph(path, masks[place], notes)
             height, width = photo.mask.shape
-            where = f"{folder / CAMERAS}: world_mat_{place} @ scale_mat_{place}"
+            where = f"{folder / name}: world_mat_{place} @ scale_mat_{place}"
             return photo.view(path.stem, from_projection(where, (world @ scale)[:3], width, height))
 
         notes.append("photographs are decoded as sRGB: the tone curve of DTU's camera is not known")

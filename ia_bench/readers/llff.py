@@ -15,7 +15,7 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.readers.base import UnsplitReader
 from ia_bench.readers.cameras import rigid
-from ia_bench.readers.pictures import mask_beside, photograph, pictures_in
+from ia_bench.readers.pictures import masks_of, photograph, pictures_in
 from ia_bench.scenes.photograph import read_array
 from ia_bench.scenes.scene import Camera, Scene, View
 
@@ -46,9 +46,10 @@ class LlffReader(UnsplitReader):
                 f"{folder / POSES}: expected {len(photos)} x 17 numbers, a row a photograph in {self.images}, found {found}"
             )
 
+        masks = masks_of(folder / self.masks, photos, notes)
+
         def view(place: int) -> View:
-            mask = mask_beside(folder / self.masks, photos[place]) if (folder / self.masks).is_dir() else None
-            photo = photograph(photos[place], mask, notes)
+            photo = photograph(photos[place], masks[place], notes)
             name = photos[place].stem
             return photo.view(name, self._camera(f"{folder / POSES}: row {place}", photos[place], rows[place], photo.mask.shape))
 

@@ -66,6 +66,9 @@ class NerfstudioReader(FolderReader):
                 raise InputError(f"{self.folder}: expected {WHOLE} or {SPLIT[0]}, found neither")
             training, held_out = map(frames_if_there, paths)
             expect_each_once(photographs([*training, *held_out]))
+            if held_out and not any(self._is_there(frame) for _, frame in held_out):  # BlenderNeRF writes cameras alone
+                notes.append(f"nothing is held out: none of the {len(held_out)} photographs that {SPLIT[1]} names is there")
+                held_out = []
             return training, held_out
         content, frames = read_json(path), frames_of(path)
         by_name = {plain(frame.get("file_path")): (where, frame) for where, frame in frames}
@@ -86,6 +89,12 @@ class NerfstudioReader(FolderReader):
         expect_every(self.every)
         notes.append(f"{WHOLE} names no splits: every {self.every}th of {len(frames)} photographs is held out")
         return [frame for place, frame in enumerate(frames) if place % self.every], frames[:: self.every]
+
+    def _is_there(self, frame: Mapping[str, Any]) -> bool:
+        try:
+            return bool(picture_below(self.folder, frame.get("file_path"), ""))
+        except InputError:
+            return False
 
     def _view(self, where: str, frame: Mapping[str, Any], notes: list[str], sizes: dict[str, View]) -> View:
         path = picture_below(self.folder, frame.get("file_path"), f"{where}: file_path")

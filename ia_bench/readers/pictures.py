@@ -48,11 +48,28 @@ def picture_below(folder: Path, name: object, where: str) -> Path:
 
 def mask_beside(folder: Path, photo: Path) -> Path:
     """The mask of a photograph: NAME.png, or its whole name and .png, as COLMAP has it. Raises InputError where it is neither."""
-    names = (f"{photo.stem}.png", f"{photo.name}.png", photo.name)
-    found = next((path for name in names if (path := folder / name).is_file()), None)
+    found = _mask_named(folder, photo)
     if found is None:
-        raise InputError(f"{photo}: expected a mask {folder / names[0]}, found none")
+        raise InputError(f"{photo}: expected a mask {folder / photo.stem}.png, found none")
     return found
+
+
+def masks_of(folder: Path, photos: Sequence[Path], notes: list[str]) -> list[Path | None]:
+    """The masks of photographs: :func:`mask_beside`, or in their order, where none has its photograph's name and there are as many.
+
+    So it is in IDR's DTU scans (image/000000.png, mask/000.png); ``notes`` are told. Without the folder, alpha is the mask.
+    """
+    if not folder.is_dir():
+        return [None] * len(photos)
+    if not any(_mask_named(folder, photo) for photo in photos) and len(masks := pictures_in(folder)) == len(photos):
+        notes.append(f"masks belong to photographs by their order: {masks[0].name} is that of {photos[0].name}")
+        return [*masks]
+    return [mask_beside(folder, photo) for photo in photos]
+
+
+def _mask_named(folder: Path, photo: Path) -> Path | None:
+    names = f"{photo.stem}.png", f"{photo.name}.png", photo.name
+    return next((path for name in names if (path := folder / name).is_file()), None)
 
 
 # ---------------------------------------------------------------- photographs

@@ -28,8 +28,6 @@ def test_a_capture_is_written_and_read_back_by_the_printed_command(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    if name == "colmap":
-        pytest.importorskip("pycolmap", reason="needs the extra colmap")
     assert main(["export", "tiny", "its (ü) folder", "--format", name, "capture.views=8"]) == 0
     command = shlex.split(capsys.readouterr().out.splitlines()[-1])
     assert command[:2] == ["ia-bench", "check"]
@@ -134,7 +132,7 @@ def test_trimesh_reads_the_meshes(tiny: Scene, tmp_path: Path) -> None:
 
 def test_pycolmap_reads_the_model(tiny: Scene, tmp_path: Path) -> None:
     """Its cameras see the model's points where ours see the vertices that these are."""
-    pycolmap = pytest.importorskip("pycolmap", reason="needs the extra colmap")
+    pycolmap = pytest.importorskip("pycolmap", reason="pip install pycolmap==4.2.1")
     write_colmap(tmp_path, tiny)
     model = pycolmap.Reconstruction(str(tmp_path / "sparse" / "0"))
     photos, _ = mixed(tiny)

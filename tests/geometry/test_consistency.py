@@ -11,9 +11,9 @@ from shapes import wrong_by
 
 from ia_bench.capture.faults import misplaced, mistaken_masks
 from ia_bench.capture.settings import FaultSettings
-from ia_bench.geometry.consistency import MovingPhotographs, consistent, moved, nearest_to_rays, pixel_motions, seen_at
+from ia_bench.geometry.consistency import MovingPhotographs, consistent, moved, nearest_to_rays, outline, pixel_motions, seen_at
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.hull import visual_hull
+from ia_bench.geometry.hull import grown_mask, visual_hull
 from ia_bench.geometry.refinement import surface_from_images
 from ia_bench.scenes.scene import Scene, View
 
@@ -64,6 +64,26 @@ def test_one_motion_is_one_pixel_and_rays_find_the_shape() -> None:
     assert beyond[1] == pytest.approx(38.5 - outline, abs=0.3)
     assert beyond[2] == pytest.approx(44.5 - outline, abs=0.3)  # a ray that misses the grid's box
     assert beyond[0] < -10
+
+
+def test_where_pictures_end_there_is_no_outline() -> None:
+    """A photograph padded to the size of others: its outline is that of the ball alone, and nothing grows from what is unknown."""
+    whole = VIEWS[0]
+    height = 41
+    camera = replace(whole.camera, height=height)
+    view = replace(whole, camera=camera, image=whole.image[:height], mask=whole.mask[:height])
+    padded = view.padded(48, 52)
+    box = DistanceGrid(torch.zeros(41, 41, 41), torch.full((3,), -1.0), 0.05)
+    ball = DistanceGrid(box.positions().norm(dim=-1) - 0.7, box.low, box.step)
+    found = outline(padded, ball)
+    assert len(found.apart) == len(outline(whole, ball).apart)
+    assert np.abs(found.apart).max() < 0.5
+    for pixels in (-2.0, 2.0):
+        expected = np.pad(grown_mask(view, pixels), ((0, 7), (0, 4)))
+        np.testing.assert_allclose(grown_mask(padded, pixels), expected, atol=1e-6)
+    cut = replace(whole, mask=np.where(np.arange(48) < 24, whole.mask, 0), valid=np.tile(np.arange(48) < 24, (48, 1)))
+    assert (grown_mask(cut, -2.0)[20:28, :24] == grown_mask(whole, -2.0)[20:28, :24]).all()  # the object goes on where it was cut
+    assert not grown_mask(cut, 2.0)[:, 24:].any()
 
 
 # ---------------------------------------------------------------- photographs that move on their picture planes

@@ -102,6 +102,20 @@ def test_refuses_broken_meshes(tmp_path: Path, ply: Ply, spoil: Callable[[Ply], 
     refused(ply.write(tmp_path / "mesh.ply"), says)
 
 
+@pytest.mark.parametrize("with_normals", [True, False])
+def test_triangles_are_turned_outward(tmp_path: Path, with_normals: bool) -> None:
+    """Of a box about the origin that is wound inward, with normals that point outward or with none; away from the middle is out."""
+    box = trimesh.creation.box()
+    normals = box.vertices / np.linalg.norm(box.vertices, axis=1, keepdims=True)
+    ply = Ply(box.vertices, box.faces[:, ::-1], normals if with_normals else None, 0.5 + box.vertices[:, :2])
+    mesh, notes = load_mesh(ply.write(tmp_path / "mesh.ply"))
+    assert "turned round" in notes[-1]
+    places = mesh.vertices[mesh.faces]
+    across = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+    assert ((across * places.mean(1)).sum(1) > 0.1).all()
+    assert ((mesh.normals * mesh.vertices).sum(1) > 0.5).all()
+
+
 def test_drops_triangles_of_zero_area_and_says_so(tmp_path: Path, ply: Ply) -> None:
     sound = len(ply.faces)
     a, b = ply.faces[0, :2]

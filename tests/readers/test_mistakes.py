@@ -196,7 +196,15 @@ MISTAKES: dict[str, Mistakes] = {
     },
     "colmap": {
         "no model": (gone("sparse"), "expected a sparse model"),
-        "broken model": (wrote(f"{SPARSE}/cameras.txt", "1 NOTHING 32 32 5\n"), "expected a sparse model of COLMAP, found"),
+        "broken model": (
+            wrote(f"{SPARSE}/cameras.txt", "1 NOTHING 32 32 5\n"),
+            "camera 1: expected one of .*, found NOTHING with 1 param",
+        ),
+        "half a line": (
+            wrote(f"{SPARSE}/cameras.txt", "1 PINHOLE\n"),
+            r"cameras\.txt: expected cameras of a sparse model of COLMAP",
+        ),
+        "no image file": (gone(f"{SPARSE}/images.txt"), r"images\.txt: no such file"),
         "another size": (
             picture("images/0004.png", "masks/0004.png.png", to=smaller),
             "0004.png: expected 32 x 32 pixels like camera 1 of the sparse model, found 28 x 24",

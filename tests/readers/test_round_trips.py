@@ -48,8 +48,6 @@ def read(layout: Layout, folder: Path, given: Options, *, truth: bool = True, **
 
 def made(layout: Layout, folder: Path, given: Options, **options: object) -> FolderReader:
     """The reader of ``folder``, with the options that its writer told."""
-    if layout.name == "colmap":
-        pytest.importorskip("pycolmap", reason="needs the extra colmap")
     target = find("reader", layout.name).target
     reader: FolderReader = create("reader", layout.name, target, {**given, **options}, folder / layout.root)
     return reader
