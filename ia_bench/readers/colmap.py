@@ -33,10 +33,10 @@ MODELS: Mapping[str, tuple[str, ...]] = {
 }
 """The parameters of COLMAP's camera models that a pinhole camera and Brown's lens make up, in their order."""
 OTHERS = {
-    **{"OPENCV_FISHEYE": 8, "FULL_OPENCV": 12, "FOV": 5, "SIMPLE_RADIAL_FISHEYE": 4, "RADIAL_FISHEYE": 5, "THIN_PRISM_FISHEYE": 12},
-    **{"RAD_TAN_THIN_PRISM_FISHEYE": 16, "SIMPLE_DIVISION": 4, "DIVISION": 5, "SIMPLE_FISHEYE": 3, "FISHEYE": 4, "EUCM": 6},
-    **{"EQUIRECTANGULAR": 2},
-}
+    "OPENCV_FISHEYE": 8, "FULL_OPENCV": 12, "FOV": 5, "SIMPLE_RADIAL_FISHEYE": 4, "RADIAL_FISHEYE": 5, "THIN_PRISM_FISHEYE": 12,
+    "RAD_TAN_THIN_PRISM_FISHEYE": 16, "SIMPLE_DIVISION": 4, "DIVISION": 5, "SIMPLE_FISHEYE": 3, "FISHEYE": 4, "EUCM": 6,
+    "EQUIRECTANGULAR": 2,
+}  # fmt: skip
 COUNTS = {**{name: len(parameters) for name, parameters in MODELS.items()}, **OTHERS}
 """How many parameters a model has, in the order of COLMAP's numbers of models."""
 Sensor = tuple[str, int, int, tuple[float, ...]]

@@ -3,10 +3,7 @@
 Expected values are computed from the numbers that the files are written from, by the formats' own definitions.
 """
 
-import json
 import re
-import struct
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,85 +11,29 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from made_assets import FACES, HALF, UV, VERTICES, at, at_corner, gltf, obj, picture, read, square
 from PIL import Image
 from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
-from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
-from ia_bench.material.textures import fetch
-from ia_bench.render.asset_files import ROUGHNESS, glb, read_asset
+from ia_bench.render.asset_files import ROUGHNESS, glb
 from ia_bench.render.asset_parts import asset_files
-from ia_bench.render.reconstruction import Assets, Quality, TexturedReconstruction
+from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import write_exr
-from ia_bench.scenes.scene import Camera, Mesh
-
-VERTICES = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 3.0]])
-FACES = np.array([[0, 1, 2], [1, 3, 2]])
-UV = np.array([[0.05, 0.1], [0.9, 0.1], [0.05, 0.95], [0.8, 0.9]])
-HALF = np.float32(0.5 / 255 + 1e-6)
+from ia_bench.scenes.scene import Camera
 
 
-def read(path: Path, **options: Any) -> tuple[Assets, list[str]]:
-    notes = list[str]()
-    return read_asset(path, note=notes.append, **options), notes
-
-
-def picture(seed: int, height: int = 8, width: int = 8) -> np.ndarray:
-    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8)
-
-
-def at(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """What a renderer finds in a texture (H, W[, C]) at UV (N, 2)."""
-    return fetch(torch.from_numpy(np.atleast_3d(texture)).float(), torch.from_numpy(uv).float()).numpy()
-
-
-def at_corner(asset: Assets, texture: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """What the asset's texture holds at the vertex that lies at ``place``."""
-    nearest = np.abs(asset.mesh.vertices - place).sum(-1).argmin()
-    return at(texture, asset.mesh.uv[nearest : nearest + 1])[0]
-
-
-def gltf(path: Path, change: Callable[[dict[str, Any]], None], uv: np.ndarray = UV, **material: Any) -> Path:
-    """A .glb by trimesh of one square with ``material``, whose JSON is then changed."""
-    visual = trimesh.visual.TextureVisuals(uv=uv, material=PBRMaterial(**material))
-    content = trimesh.Scene(trimesh.Trimesh(VERTICES, FACES, visual=visual, process=False)).export(file_type="glb")
-    size = struct.unpack_from("<I", content, 12)[0]
-    header = json.loads(content[20 : 20 + size])
-    change(header)
-    text = json.dumps(header).encode()
-    text += b" " * (-len(text) % 4)
-    start = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(content) - 20 - size, len(text), b"JSON")
-    path.write_bytes(start + text + content[20 + size :])
-    return path
-
-
-def obj(folder: Path, mtl: str, faces: str = "usemtl one\nf 1/1 2/2 3/3\nf 2/2 4/4 3/3\n", **pictures: np.ndarray) -> Path:
-    """An OBJ of the square with that text as its materials, and pictures NAME.png beside it."""
-    for name, values in pictures.items():
-        Image.fromarray(values).save(folder / f"{name}.png")
-    lines = ["mtllib my materials.mtl", *(f"v {x} {y} {z}" for x, y, z in VERTICES), *(f"vt {u} {v}" for u, v in UV)]
-    (folder / "my materials.mtl").write_text(mtl)
-    (folder / "mesh.obj").write_text("\n".join(lines) + "\n" + faces)
-    return folder / "mesh.obj"
-
-
-@pytest.fixture
-def square() -> Mesh:
-    normals = np.tile(np.array([0, 0, 1], np.float32), (4, 1))
-    return Mesh(VERTICES.astype(np.float32), FACES.astype(np.int32), normals, UV.astype(np.float32))
-
-
-def test_our_own_file_comes_back(tmp_path: Path, square: Mesh) -> None:
+def test_our_own_file_comes_back(tmp_path: Path) -> None:
     albedo, roughness, metallic = (np.random.default_rng(n).random((16, 16, c), np.float32) for n, c in ((0, 3), (1, 1), (2, 1)))
-    (tmp_path / "a.glb").write_bytes(glb(square, albedo, roughness[..., 0], metallic[..., 0]))
+    (tmp_path / "a.glb").write_bytes(glb(square(), albedo, roughness[..., 0], metallic[..., 0]))
     light = np.random.default_rng(3).random((4, 8, 3), np.float32)
     write_exr(tmp_path / "light.exr", light, half=False)
     asset, _ = read(tmp_path / "a.glb", light=tmp_path / "light.exr")
     for part in ("vertices", "faces", "normals"):
-        np.testing.assert_array_equal(getattr(asset.mesh, part), getattr(square, part))
-    np.testing.assert_allclose(asset.mesh.uv, square.uv, atol=1e-7)
+        np.testing.assert_array_equal(getattr(asset.mesh, part), getattr(square(), part))
+    np.testing.assert_allclose(asset.mesh.uv, square().uv, atol=1e-7)
     assert np.abs(asset.albedo - albedo).max() < 0.5 / 255 * 2.3  # the steepest that the decoding of sRGB is
     assert np.abs(asset.roughness - roughness[..., 0]).max() <= HALF
     assert np.abs(asset.metallic - metallic[..., 0]).max() <= HALF
@@ -318,81 +259,3 @@ def test_a_large_texture_is_reduced(tmp_path: Path) -> None:
     path = gltf(tmp_path / "a.glb", lambda header: None, baseColorTexture=Image.fromarray(values))
     mean = srgb_to_linear(values / 255).reshape(4, 2, 4, 2, 3).mean((1, 3))
     np.testing.assert_allclose(read(path, texture_size=4)[0].albedo, mean, atol=1e-5)
-
-
-def set_in(*keys: str | int, value: Any) -> Callable[[dict[str, Any]], None]:
-    def change(header: dict[str, Any]) -> None:
-        place: Any = header
-        for key in keys[:-1]:
-            place = place[key]
-        place[keys[-1]] = value
-
-    return change
-
-
-def set_of_coordinates(**values: Any) -> Callable[[dict[str, Any]], None]:
-    def change(header: dict[str, Any]) -> None:
-        header["accessors"][header["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"]] |= values
-
-    return change
-
-
-def mirrored(header: dict[str, Any]) -> None:
-    header["samplers"], header["textures"][0]["sampler"] = [{"wrapS": 33648}], 0
-
-
-BASE = ("materials", 0, "pbrMetallicRoughness", "baseColorTexture")
-GLTF_MISTAKES = {
-    "second texture coordinates": (set_in(*BASE, "texCoord", value=1), "baseColorTexture: expected the first texture coordinates"),
-    "moved texture": (set_in(*BASE, "extensions", value={"KHR_texture_transform": {}}), "or a transform of them"),
-    "texture absent": (set_in("images", 0, value={"uri": "gone.png"}), "expected a picture"),
-    "other model": (
-        set_in("materials", 0, value={"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}}),
-        "found specular-glossiness",
-    ),
-    "compressed": (set_in("extensionsRequired", value=["KHR_draco_mesh_compression"]), "found KHR_draco_mesh_compression"),
-    "quantized": (set_of_coordinates(componentType=5123, normalized=True), "found whole numbers for TEXCOORD_0"),
-    "sparse": (set_of_coordinates(sparse={"count": 1}), "found sparse accessors"),
-    "a fan": (set_in("meshes", 0, "primitives", 0, "mode", value=6), "found triangle fans"),
-    "mirrored beyond its edge": (mirrored, "expected textures that repeat"),
-    "out of range": (
-        set_in("materials", 0, "pbrMetallicRoughness", "roughnessFactor", value=2),
-        "expected roughness from 0 to 1, found 2 to 2",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", GLTF_MISTAKES)
-def test_what_is_not_done_of_gltf_is_refused(tmp_path: Path, case: str) -> None:
-    change, said = GLTF_MISTAKES[case]
-    with pytest.raises(InputError, match=re.escape(said)):
-        read(gltf(tmp_path / "a.glb", change, UV + [1, 0], baseColorTexture=Image.fromarray(picture(0))))
-
-
-OBJ_MISTAKES = {
-    "no albedo": ("newmtl one\nPr .5", "expected an albedo, map_Kd or Kd"),
-    "texture absent": ("newmtl one\nmap_Kd gone.png", "map_Kd: gone.png: no such file"),
-    "moved texture": ("newmtl one\nmap_Kd -s 2 2 1 kd.png", "found one that is moved"),
-    "no number": ("newmtl one\nKd a b c", "Kd: expected 3 number(s) >= 0"),
-    "other name": ("newmtl two\nKd 1 1 1\nnewmtl three\nKd 1 1 1", "expected usemtl before every face"),
-    "empty": ("", "expected newmtl NAME, found none"),
-}
-
-
-@pytest.mark.parametrize("case", OBJ_MISTAKES)
-def test_what_is_wrong_with_an_obj_is_said(tmp_path: Path, case: str) -> None:
-    mtl, said = OBJ_MISTAKES[case]
-    with pytest.raises(InputError, match=re.escape(said)):
-        read(obj(tmp_path, mtl, kd=picture(0)))
-
-
-def test_other_files_are_refused_by_name(tmp_path: Path, square: Mesh) -> None:
-    (tmp_path / "a.ply").write_text("ply\n")
-    (tmp_path / "b.glb").write_bytes(b"no glTF at all, but long enough")
-    for name, said in (("a.ply", "expected a mesh with textures"), ("b.glb", "binary glTF 2.0"), ("c.obj", "no such mesh")):
-        with pytest.raises(InputError, match=said):
-            read(tmp_path / name)
-    (tmp_path / "d.glb").write_bytes(glb(square, np.ones((1, 1, 3), np.float32), np.ones((1, 1), np.float32)))
-    write_exr(tmp_path / "dark.exr", np.full((2, 4, 3), -1.0), half=False)
-    with pytest.raises(InputError, match="expected radiance, found the negative value -1"):
-        read(tmp_path / "d.glb", light=tmp_path / "dark.exr")
