@@ -168,12 +168,15 @@ class Coupling:
     A subclass must define :meth:`prepare` and :meth:`loss`; built in are those of :mod:`ia_bench.methods.couplings`.
 
     Attributes:
-        sets_albedo: Whether the prior's albedo is taken for the albedo itself (up to its scale), so that a fit may start from it.
+        says_albedo: Whether its losses say which albedo a pixel has (up to its scale), and not only which pixels are alike: then
+            photographs alone do not decide the albedo when all steps are done.
+        sets_albedo: Whether a fit may start from the prior's albedo.
         period: 0: the prior is sampled before the fit, and again, guided by the renders, before its second stage. More: it is
             asked every ``period`` steps to denoise renders of ``views`` of its views (``Distiller``).
         views: See ``period``.
     """
 
+    says_albedo: ClassVar[bool] = False
     sets_albedo: bool = False
     period: int = 0
     views: int = 0

@@ -7,7 +7,7 @@ Poole et al. 2023).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor
@@ -34,6 +34,7 @@ class Targets(WeightedCoupling):
         sets_albedo: Whether a fit starts from the prior's albedo, averaged over the views on the surface.
     """
 
+    says_albedo: ClassVar[bool] = True
     ssi: Literal["scale_shift", "scale", "none"] = "scale"
     sets_albedo: bool = True
 
@@ -191,6 +192,7 @@ class Distilled(WeightedCoupling):
         views: Views in each.
     """
 
+    says_albedo: ClassVar[bool] = True
     period: Number = 10
     views: Number = 4
 

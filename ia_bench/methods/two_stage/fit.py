@@ -54,7 +54,7 @@ class Fit:
         """Run the remaining steps and return what was recovered, unobserved texels filled from their neighbours."""
         descent = self.descent
         descent.descend(lambda: self._reconstruction(final=False))
-        if self.settings.solve_albedo:
+        if self._solves_albedo:
             with descent.book("stage2"), torch.no_grad():
                 material, light = self.parameters.material(detached=True), self.parameters.light()
                 exposures = None if self.parameters.exposures is None else self.parameters.exposures.detach()
@@ -65,6 +65,11 @@ class Fit:
         recovered = self._reconstruction(final=True)
         samples = {"samples_per_pixel": self.losses.samples_per_pixel}
         return Result(recovered, descent.seconds, {**self.prior.sampler.counters, **descent.counters, **samples}, self.steps)
+
+    @property
+    def _solves_albedo(self) -> bool:
+        solve = self.settings.solve_albedo
+        return solve if isinstance(solve, bool) else not self.problem.coupling.says_albedo
 
     # ---- the stages ----------------------------------------------------------------------------------------------------
 

@@ -23,9 +23,11 @@ DIM = 0.05
 """Share of the mean radiance that is added to that of each pixel, so that black ones have a weight."""
 LARGEST = 1.0
 """Change of the albedo that a pixel asks for at most."""
-ITERATIONS = 10
+ITERATIONS = 5
 PIXELS = 2**18
 """At most, drawn among all: large photographs show each texel in many."""
+SAMPLES = 0.5
+"""Of a pixel, as a share of those of a step: with these and ITERATIONS five sixths of the gain cost half the seconds."""
 
 
 def solved_albedo(
@@ -42,7 +44,7 @@ def solved_albedo(
         exposures: What renders of each view are multiplied with (V, 1 or 3), None where that is 1.
         material: As recovered; where no pixel sees it, its albedo stays.
         light: As recovered.
-        generator: Of the samples of renders, ``render.samples`` a pixel.
+        generator: Of the samples of renders, SAMPLES of ``render.samples`` a pixel.
     """
     photographs = problem.photographs
     known = True if photographs.known is None else photographs.known[:, 0]
@@ -51,7 +53,8 @@ def solved_albedo(
     if not len(chosen):
         return material.albedo
     gbuffer, surface = problem.gbuffer.at(chosen), problem.renderer.surface
-    rendered = problem.renderer.render_entries(gbuffer, material, light, problem.plan.samples, generator)
+    samples = max(1, int(SAMPLES * problem.plan.samples))
+    rendered = problem.renderer.render_entries(gbuffer, material, light, samples, generator)
     factor = 1.0 if exposures is None else exposures[gbuffer.view()]
     diffuse, radiance = factor * rendered["diffuse"].clamp_min(0), factor * rendered["radiance"]
     residual = photographs.radiance[chosen] - radiance

@@ -85,7 +85,8 @@ class FitSettings:
             would only learn the light's error.
         scale_ambiguity_start: Share of all steps after which the scale-ambiguity step is taken; highlights, which decide it, must
             be there first.
-        solve_albedo: Whether the albedo is solved for when all steps are done (``least_squares``).
+        solve_albedo: Whether the albedo is solved for when all steps are done (``least_squares``), by the photographs alone;
+            "auto": unless the coupling says which albedo a pixel has.
         roughness_initial: Constant start of the roughness.
         metallic_initial: Constant start of metallic.
         albedo_initial: Mean of the albedo at the start where no prior gives a better one. It has the images' mean colour then,
@@ -108,7 +109,7 @@ class FitSettings:
     albedo_start: UnitInterval = 0.1
     roughness_start: UnitInterval = 0.3
     scale_ambiguity_start: UnitInterval = 0.3
-    solve_albedo: bool = False
+    solve_albedo: bool | Literal["auto"] = "auto"
     roughness_initial: Roughness = 0.5
     metallic_initial: UnitInterval = 0.5
     albedo_initial: UnitInterval = 0.5
@@ -134,6 +135,7 @@ PLAIN_ADAM: Mapping[str, Any] = {  # of all tensors from the first step, along e
     "multigrid_rates": {"albedo": 0.0, "roughness": 0.0, "metallic": 0.0, "light": 0.0},
     "albedo_start": 0.0,
     "roughness_start": 0.0,
+    "solve_albedo": False,
 }
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "smoke": {"stage1_steps": 12, "stage2_steps": 6, "pixels": 512},
