@@ -6,6 +6,7 @@ import argparse
 import sys
 import webbrowser
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,9 +19,9 @@ from ia_bench.report.site.page import PARTS, draw_pictures, write_page
 from ia_bench.report.table import MAIN, OUR_TABLE, measured, results_table
 from ia_bench.report.value import write_value
 from ia_bench.report.write import Report, pipe_table, write_report
-from ia_bench.runs.cells import folders_with_cells
+from ia_bench.runs.cells import folders_with_cells, read_cells
 from ia_bench.runs.folder import folders_among
-from ia_bench.runs.table import Table, capture_of, crossed_name, load_table
+from ia_bench.runs.table import Table, capture_of, crossed_name, load_table, some_rows
 
 PAGE = "page"
 """The folder below a report's that holds its page."""
@@ -34,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help=what)
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="folder to write into (default: RUNS-report, beside RUNS)")
     parser.add_argument("--open", action="store_true", help="show the page in a browser")
-    parser.add_argument("--table", help="a table of conf/table: order of rows and scenes, reference, claims")
+    parser.add_argument("--table", help="a table: order of rows, reference, claims (default: that of its results)")
     parser.add_argument("--only", action="store_true", help="of every runs.csv, take the rows of --table alone")
     parser.add_argument("--reference", help="the row that the others are compared with (default: the table's)")
     more = "rows that are the reference with more work, for gains at equal seconds (default: the table's)"
@@ -44,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folders = folders_among([path for path in wanted.runs if path not in tables], complain)
     if wanted.only and not wanted.table:
         raise InputError("--only: expected --table NAME beside it, found none")
-    table = _compared_with(load_table(wanted.table) if wanted.table else Table(), wanted.reference)
+    table = _compared_with(load_table(wanted.table) if wanted.table else _table_of(folders), wanted.reference)
     table = table if wanted.curve is None else replace(table, curve=wanted.curve)
     rows = [row.name for row in table.crossed_rows]
     published = [run for path in tables for run in read_published(path) if not wanted.only or run["row"] in rows]
@@ -56,6 +57,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if wanted.open and not webbrowser.open(page.resolve().as_uri()):
         say(f"no browser was found here; open {page} in one", sys.stdout)
     return OK
+
+
+def _table_of(folders: Sequence[Path]) -> Table:
+    """Of the table whose results one of the ``folders`` is, the rows of its last call; without rows where that cannot be told."""
+    plans = [plan for folder in folders if (plan := read_cells(folder)) is not None]
+    if len(plans) == 1:
+        called, listed = plans[0].table, {cell.row for cell in plans[0].cells}
+        with suppress(InputError):  # its file may be gone, or another one now
+            table = load_table(called)
+            rows = [row.name for row in table.rows if any(one.name in listed for one in replace(table, rows=[row]).crossed_rows)]
+            if rows:
+                say(f"reported as table {called}; --table takes another", sys.stderr)
+                return some_rows(table, ", ".join(rows))
+    return Table()
 
 
 def _compared_with(table: Table, wanted: str | None) -> Table:

@@ -123,6 +123,26 @@ rows: [{name: none, overrides: []}, {name: longer, overrides: []}, {name: ours, 
 """
 
 
+def test_results_of_a_table_are_reported_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of two of its three rows; once its file is gone, as any runs."""
+    table, results = tmp_path / "ways.yaml", tmp_path / "results"
+    table.write_text(SEVERAL_WAYS.replace("{name: longer,", "{name: longer, note: more steps,"))
+    same = {"seed": 0, "config_hash": "1", "log": "logs/x", "scene": "hat"}
+    for row, psnr in {"none": 20.0, "longer": 23.0}.items():
+        write_record(results / "runs" / row, row, psnr)
+    cells = [{**same, "row": row, "folder": f"runs/{row}"} for row in ("none", "longer")]
+    (results / "cells.json").write_text(json.dumps({"table": str(table), "jobs": 1, "cells": cells}))
+    assert main([str(results), "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr()
+    assert f"reported as table {table}" in said.err
+    assert "longer: more steps" in said.out
+    assert "ours" not in said.out
+    assert "minus the row without a prior of the same scene" in (tmp_path / "out" / "page" / "index.html").read_text()
+    table.unlink()
+    assert main([str(results), "--out", str(tmp_path / "out")]) == 0
+    assert "more steps" not in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("reference", ["longer", "longer, 8 views"])
 def test_another_reference_is_that_of_every_part_of_the_report(tmp_path: Path, reference: str) -> None:
     """Ours is 5 dB above none and 2 above longer, with each capture."""
