@@ -1,10 +1,11 @@
 """Reader of nerfstudio's and Blender-NeRF's folders: photographs with poses in transforms.json or transforms_SPLIT.json.
 
-One ``transforms.json`` (nerfstudio, Instant-NGP) names the frames of each split under ``train_filenames``, ``val_filenames`` and
-``test_filenames``; without ``train_filenames`` all others are for training, and without any every ``every``-th photograph is held
-out. ``transforms_train.json`` and ``transforms_test.json`` (NeRF's Blender scenes) are splits of their own. No photograph may be in
-both. A mask is the picture's alpha, its ``mask_path``, or ``masks/NAME.png``; that of images/left/NAME.png may also be
-``masks/left/NAME.png``. The ``exposure`` of a frame, time x ISO / F-number squared in any unit, replaces what EXIF says.
+One ``transforms.json`` (nerfstudio, Instant-NGP) names the frames of each split under ``train_filenames``, ``val_filenames``
+and ``test_filenames``; without ``train_filenames`` all others are for training. ``transforms_train.json`` and
+``transforms_test.json`` (NeRF's Blender scenes) are splits of their own. No photograph may be in both. Where none are for
+testing, every ``every``-th is held out. A mask is the picture's alpha, its ``mask_path``, or ``masks/NAME.png``; that of
+images/left/NAME.png may also be ``masks/left/NAME.png``. The ``exposure`` of a frame, time x ISO / F-number squared in any
+unit, replaces what EXIF says.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class NerfstudioReader(FolderReader):
 
     Attributes:
         masks: The folder of the masks that have no ``mask_path``.
-        every: Every so many-th photograph is held out where the file names no splits.
+        every: Every so many-th photograph is held out where none are named, or there, to be.
     """
 
     format = "nerfstudio"
@@ -66,10 +67,11 @@ class NerfstudioReader(FolderReader):
                 raise InputError(f"{self.folder}: expected {WHOLE} or {SPLIT[0]}, found neither")
             training, held_out = map(frames_if_there, paths)
             expect_each_once(photographs([*training, *held_out]))
-            if held_out and not any(self._is_there(frame) for _, frame in held_out):  # BlenderNeRF writes cameras alone
-                notes.append(f"nothing is held out: none of the {len(held_out)} photographs that {SPLIT[1]} names is there")
-                held_out = []
-            return training, held_out
+            if any(self._is_there(frame) for _, frame in held_out):
+                return training, held_out
+            if held_out:  # BlenderNeRF writes cameras alone
+                notes.append(f"{SPLIT[1]}: none of its {len(held_out)} photographs is there")
+            return self._held_out_of(training, SPLIT[0], notes)
         content, frames = read_json(path), frames_of(path)
         by_name = {plain(frame.get("file_path")): (where, frame) for where, frame in frames}
         named: dict[str, list[str]] = {}
@@ -81,13 +83,16 @@ class NerfstudioReader(FolderReader):
         train, val, test = named.values()
         expect_each_once((f"{path}: {key}", name) for key in ("train_filenames", "test_filenames" if test else "val_filenames")
                          for name in named[key])  # fmt: skip
-        if "train_filenames" in content:
-            return [by_name[name] for name in train], [by_name[name] for name in test or val]
+        if "train_filenames" not in content:
+            train = [name for name in by_name if name not in (*test, *val)]
+        training = [by_name[name] for name in train]
         if test or val:
-            rest = [frame for name, frame in by_name.items() if name not in (*test, *val)]
-            return rest, [by_name[name] for name in test or val]
+            return training, [by_name[name] for name in test or val]
+        return self._held_out_of(training, WHOLE, notes)
+
+    def _held_out_of(self, frames: list[NamedFrame], name: str, notes: list[str]) -> tuple[list[NamedFrame], list[NamedFrame]]:
         expect_every(self.every)
-        notes.append(f"{WHOLE} names no splits: every {self.every}th of {len(frames)} photographs is held out")
+        notes.append(f"{name} names no test photographs: every {self.every}th of {len(frames)} is held out")
         return [frame for place, frame in enumerate(frames) if place % self.every], frames[:: self.every]
 
     def _is_there(self, frame: Mapping[str, Any]) -> bool:

@@ -189,10 +189,14 @@ def test_blender_nerf_writes_no_test_photographs(tmp_path: Path, folder: str) ->
     write_frames(tmp_path / "transforms_train.json", folder, range(0, COUNT, 3))
     write_frames(tmp_path / "transforms_test.json", "test/", range(COUNT))
     scene = NerfstudioReader(tmp_path).read(truth=False)
-    assert [view.name for view in scene.train] == ["train/0001", "train/0004", "train/0007"]
-    for view, number in zip(scene.train, (0, 3, 6), strict=True):
+    assert [view.name for view in scene.train] == ["train/0004", "train/0007"]
+    for view, number in zip((*scene.test, *scene.train), (0, 3, 6), strict=True):
         expect_seen(view, number, 0.5)
-    assert "nothing is held out: none of the 9 photographs that transforms_test.json names is there" in scene.notes
+    assert "transforms_test.json: none of its 9 photographs is there" in scene.notes
+    assert "transforms_train.json names no test photographs: every 8th of 3 is held out" in scene.notes
+    (tmp_path / "transforms_test.json").unlink()
+    assert [view.name for view in NerfstudioReader(tmp_path, every=2).read(truth=False).test] == ["train/0001", "train/0007"]
+    write_frames(tmp_path / "transforms_test.json", "test/", range(COUNT))
     save(tmp_path / "test" / "0001.png", alpha=True)
     with pytest.raises(InputError, match=r"transforms_test.json: frames\[1\]: file_path: test/0002.png: no such file"):
         NerfstudioReader(tmp_path).read(truth=False)
