@@ -44,7 +44,7 @@ setup-notebooks: setup ## add to .venv what runs the notebooks of examples/noteb
 		$$(grep '^notebooks = ' pyproject.toml | grep -o '"[a-z]*==[^"]*' | tr -d '"')
 
 notebooks: setup-notebooks ## run the notebooks from top to bottom and keep what they show
-	IA_BENCH_DATASETS=$(CURDIR)/datasets $(PY) examples/notebooks/run.py
+	IA_BENCH_DATASETS="$(CURDIR)/datasets" $(PY) examples/notebooks/run.py
 
 table: setup ## our table after the paper's, on our own objects: every row x scene x seed (ARGS="seeds=0,1 scenes=hat preset=full ...")
 	.venv/bin/ia-bench table $(ARGS)

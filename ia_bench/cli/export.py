@@ -105,6 +105,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     with whole_folder(out) as place:
         write_photographs(place, scene.train, size=wanted.size, background=wanted.background, crop=wanted.crop)
-        (place / "README.txt").write_text(text)
+        (place / "README.txt").write_text(text, encoding="utf-8")
     say(f"{out}: {len(scene.train)} photographs; {out / 'README.txt'} says what to do with them", sys.stdout)
     return OK

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -38,6 +39,8 @@ ia-bench COMMAND --help says what a command takes; ia-bench --version says which
 def main(arguments: Sequence[str] | None = None) -> int:
     """Do the command that the first argument names, with the others, and return its exit status."""
     given = list(sys.argv[1:] if arguments is None else arguments)
+    if platform.system() != "Linux":
+        return complain(f"expected Linux, found {platform.system()}; docs/usage.md says what ia_bench runs on")
     if not given or given[0] in ("-h", "--help"):
         width = max(map(len, COMMANDS))
         say(USAGE.format(commands="\n".join(f"  {name:<{width}}  {line}" for name, (_, line) in COMMANDS.items())), sys.stdout)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, exits, say
-from ia_bench.common.machine import limit_threads
+from ia_bench.common.machine import cores, limit_threads
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 
@@ -51,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--scene", type=Path, help="folder of the run's scene, if it is no longer where the run found it")
     parser.add_argument("--up", choices=("y", "z"), default="y", help="the axis of an asset's file that points up (default: y)")
-    parser.add_argument("--threads", type=at_least(1), default=len(os.sched_getaffinity(0)), help="CPU threads (default: all)")
+    parser.add_argument("--threads", type=at_least(1), default=cores(), help="CPU threads (default: all)")
     wanted = parser.parse_args(arguments)
     moving = wanted.out.suffix in (".gif", ".mp4")
     turn = wanted.turn or (STEPS if moving and wanted.views != "test" else 1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import FAULT, OK, complain, exits, say
 from ia_bench.common.files import user_path
-from ia_bench.common.machine import limit_threads
+from ia_bench.common.machine import cores, limit_threads
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.runs.packs import packs_among
@@ -39,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     where = "folder of a scene that is not shipped; may be given several times"
     parser.add_argument("--scene", action="append", default=[], metavar="NAME=FOLDER", help=where)
     parser.add_argument("--out", type=Path, metavar="FILE.json", help="the result as a file, for ia-bench board")
-    parser.add_argument("--threads", type=at_least(1), default=len(os.sched_getaffinity(0)), help="CPU threads (default: all)")
+    parser.add_argument("--threads", type=at_least(1), default=cores(), help="CPU threads (default: all)")
     cells = parser.add_argument_group("of a runs.csv, whose cells are run again with the threads that they were published with")
     cells.add_argument("--share", type=_share, default=0.1, help="of its cells, drawn by chance (default: a tenth)")
     cells.add_argument("--seed", type=at_least(0), default=0, help="which ones (default: 0)")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -28,7 +28,8 @@ def whole_file(path: Path) -> Iterator[Path]:
         os.replace(partial, path)
         folder = os.open(path.parent, os.O_RDONLY)  # on Linux the entry in the folder is a write of its own
         try:
-            os.fsync(folder)
+            with suppress(OSError):  # which some network shares do not know
+                os.fsync(folder)
         finally:
             os.close(folder)
     finally:

@@ -78,7 +78,7 @@ class Cache:
                 os.utime(path)  # used just now
             return tensors, json.loads(written["about"])
         except (OSError, SafetensorError) as error:
-            _say(f"{path}: cannot be read ({error}); what it should hold is made again")
+            tell_once(f"{path}: cannot be read ({error}); what it should hold is made again")
             return None
 
     def put(self, key: str, tensors: Mapping[str, Tensor], about: Mapping[str, Any] | None = None) -> None:
@@ -91,7 +91,7 @@ class Cache:
                 save_file(kept, partial, metadata={"about": text, "content": _content(key, kept, text)})
         except (OSError, SafetensorError) as error:
             why = (isinstance(error, OSError) and error.strerror) or error  # not the partial file, whose name is never the same
-            _say(f"{self._folder}: nothing can be kept there ({why}); set IA_BENCH_CACHE to a folder that can be written")
+            tell_once(f"{self._folder}: nothing can be kept there ({why}); set IA_BENCH_CACHE to a folder that can be written")
             return
         total = 0
         with contextlib.suppress(OSError):  # another process may remove the same
@@ -116,5 +116,6 @@ def _content(key: str, tensors: Mapping[str, Tensor], about: str) -> str:
 
 
 @functools.cache
-def _say(message: str) -> None:
+def tell_once(message: str) -> None:
+    """Say that something cannot be kept, however often it is tried."""
     print(f"ia_bench: cache: {message}", file=sys.stderr)

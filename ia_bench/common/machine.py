@@ -14,6 +14,8 @@ from ia_bench.common.paths import PACKAGE
 
 PACKAGES = ("ia_bench", "torch", "numpy", "scipy", "scikit-image", "lpips", "embreex", "warp-lang", "trimesh", "xatlas")
 """Distributions whose version can change a number."""
+QUOTA = Path("/sys/fs/cgroup/cpu.max")
+"""Microseconds of CPU time that a container has in so many microseconds, "max" where there is no limit."""
 
 
 def environment(device: str, threads: int) -> dict[str, Any]:
@@ -35,6 +37,13 @@ def environment(device: str, threads: int) -> dict[str, Any]:
     }
 
 
+def cores() -> int:
+    """CPU cores that this process may use: those that it is bound to, or as many as its control group has time for, if fewer."""
+    bound = len(os.sched_getaffinity(0))
+    limit, _, period = QUOTA.read_text().partition(" ") if QUOTA.is_file() else ("max", "", "")
+    return bound if limit == "max" else max(1, min(bound, int(limit) // int(period)))
+
+
 def total_memory() -> int:
     """Memory of this machine in bytes, or of the control group that the process lives in where that is less."""
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -43,18 +52,28 @@ def total_memory() -> int:
     return total if text == "max" else min(total, int(text))
 
 
-def available_memory() -> int:
-    """Bytes that this process may still take: what the machine has free, or what is left of its control group's limit."""
+def available_memory(device: str = "cpu") -> int:
+    """Bytes that this process may still take: what the machine has free, or what is left of its control group's limit.
+
+    Of a ``device`` "cuda": what is free on the GPU, and what torch holds there without using it.
+    """
+    if device == "cuda":
+        import torch  # only where tensors live there
+
+        return int(torch.cuda.mem_get_info()[0] + torch.cuda.memory_reserved() - torch.cuda.memory_allocated())
     free = 1024 * int(_entry("/proc/meminfo", "MemAvailable").removesuffix("kB")) or total_memory()
     taken, cached = Path("/sys/fs/cgroup/memory.current"), _entry("/sys/fs/cgroup/memory.stat", "file ")
     return min(free, total_memory() - int(taken.read_text()) + int(cached)) if taken.is_file() else free
 
 
-def expect_memory(setting: str, needed: float) -> None:
-    """Raise InputError, before anything is allocated, where ``needed`` bytes for a ``setting`` ("key=value") are not to be had."""
-    free = available_memory()
+def expect_memory(setting: str, needed: float, device: str = "cpu") -> None:
+    """Raise InputError, before anything is allocated, where ``needed`` bytes for a ``setting`` ("key=value") are not to be had.
+
+    ``device``: "cuda" for what is allocated on the GPU.
+    """
+    free = available_memory(device)
     if needed > free:
-        room = f"the {free / 1e9:.1f} GB of memory that are free"
+        room = f"the {free / 1e9:.1f} GB of memory that are free{' on the GPU' if device == 'cuda' else ''}"
         raise InputError(f"{setting}: expected to fit into {room}, found a need for {needed / 1e9:.3g} GB")
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
+import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -11,21 +14,38 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from ia_bench.common.cache import tell_once
+
 LEAST_ITEMS = 256  # of a range: fewer are not worth a thread
-_pool = ThreadPoolExecutor(thread_name_prefix="kernels")
+_pool = ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="kernels")  # more than 32 where there are
 
 
 def _begin() -> None:
-    """Load Warp without a word: of every module that it loads, and, from below Python, of a GPU that is not there."""
+    """Load Warp without a word: of every module that it loads, and, from below Python, of a GPU that is not there.
+
+    Where it cannot keep compiled kernels (no home folder, or one that is read-only), this process compiles its own.
+    """
     wp.config.log_level = wp.LOG_ERROR
     shown, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    why = ""
     try:
         os.dup2(nowhere, 2)
-        wp.init()
+        try:
+            wp.init()
+        except OSError as error:
+            why = error.strerror or str(error)
+        folder = wp.config.kernel_cache_dir
+        if why or not os.access(folder, os.W_OK):
+            wp.config.kernel_cache_dir = tempfile.mkdtemp(prefix="ia_bench-kernels-")
+            atexit.register(shutil.rmtree, wp.config.kernel_cache_dir, ignore_errors=True)
+            wp.init()
+            why = why or "it cannot be written"
     finally:
         os.dup2(shown, 2)
         os.close(shown)
         os.close(nowhere)
+    if why:
+        tell_once(f"{folder}: no kernels can be kept there ({why}); set WARP_CACHE_PATH to a folder that can be written")
 
 
 _begin()

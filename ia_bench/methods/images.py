@@ -135,7 +135,7 @@ class BroughtPictures:
     def _files(self, name: str, views: HeldOut) -> list[Path]:
         """The file of each view. Raises InputError naming those that have none."""
         folder, order = self._folder / name, self._options.order
-        files = {path.stem: path for suffix in reversed(SUFFIXES) for path in sorted(folder.glob(f"*{suffix}"))}
+        files = {path.stem: path for suffix in reversed(SUFFIXES) for path in sorted(folder.glob(f"[!.]*{suffix}"))}
         wanted = [view for view, _ in views[name]]
         expect_distinct(f"{folder}: expected views of different names", wanted)
         if order == "sorted":

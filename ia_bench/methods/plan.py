@@ -98,10 +98,10 @@ def make_plan(scene: Scene, stage: Stage, settings: RenderSettings) -> Plan:
     value = {name: decision.value for name, decision in decisions.items()}
     chosen, side = replace(settings, **value), int(value["subsamples"])
     for name, size in chosen.memory().items():  # measured on fits, rounded up
-        expect_memory(f"render.{name}={getattr(chosen, name)}", size)
+        expect_memory(f"render.{name}={getattr(chosen, name)}", size, stage.device.type)
     taken = samples_taken(settings.samples, side**2)
     more = f" (at least 2 x {side} x {side})" if taken > settings.samples + 2 else ""
-    expect_memory(f"render.samples={settings.samples}{more}", 300 * PROBE_PIXELS * taken)
+    expect_memory(f"render.samples={settings.samples}{more}", 300 * PROBE_PIXELS * taken, stage.device.type)
     return Plan(samples=settings.samples, decisions=list(decisions.values()), **value)
 
 

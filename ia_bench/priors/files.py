@@ -238,7 +238,7 @@ class FilesPrior:
 
 
 def _is_picture(path: Path) -> bool:
-    return path.suffix.lower() in FORMATS and path.is_file()
+    return path.suffix.lower() in FORMATS and not path.name.startswith(".") and path.is_file()
 
 
 def _read(path: Path) -> tuple[Tensor, Tensor | None]:

@@ -61,7 +61,7 @@ class Stage:
         if key in self._gbuffers:
             return self._gbuffers[key]
         points = side**2 * sum(camera.width * camera.height for camera in cameras)
-        expect_memory(f"{side} x {side} points a pixel", points * POINT_BYTES + RAYS_AT_ONCE * RAY_BYTES)
+        expect_memory(f"{side} x {side} points a pixel", points * POINT_BYTES + RAYS_AT_ONCE * RAY_BYTES, self.device.type)
         gbuffer = trace_gbuffer(list(cameras), self.rays, side, self.device)
         if sum(kept.size_bytes for kept in self._gbuffers.values()) + gbuffer.size_bytes <= KEPT_BYTES:
             self._gbuffers[key] = gbuffer

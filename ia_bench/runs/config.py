@@ -15,7 +15,7 @@ from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import Fault, InputError, printable, unknown
 from ia_bench.common.files import user_path
-from ia_bench.common.machine import expect_memory
+from ia_bench.common.machine import cores, expect_memory
 from ia_bench.common.paths import MORE_SCENES, PACKAGE, SCENES_VARIABLE, conf_folder, scenes_folders
 from ia_bench.common.ranges import NO_NUMBER, Name, NameIfAny, NumberOrAuto
 from ia_bench.common.settings import check_arguments, defaults_of, merged, parsed
@@ -171,7 +171,7 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
         method=_method(config, here),
         fit=None,
         device=device,
-        threads=config.threads or len(os.sched_getaffinity(0)),
+        threads=config.threads or cores(),
     )
 
 

@@ -213,6 +213,9 @@ def lock_folder(path: Path, note: Callable[[str], None]) -> BinaryIO:
     except BlockingIOError:
         note(f"{path}: another process is working on this run; waiting for it to finish")
         fcntl.flock(lock, fcntl.LOCK_EX)
+    except OSError as error:
+        lock.close()
+        raise InputError(f"{path}: expected a file system on which files can be locked, found: {error.strerror}") from None
     with suppress(OSError):  # a file system that keeps no times
         os.utime(lock.fileno())
     return lock

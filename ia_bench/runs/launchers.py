@@ -23,7 +23,7 @@ from pydantic import Field
 
 from ia_bench.common.errors import InputError, first_line
 from ia_bench.common.exit_codes import OK, status_of
-from ia_bench.common.machine import total_memory
+from ia_bench.common.machine import cores, total_memory
 from ia_bench.runs.config import RunConfig, resolved
 from ia_bench.runs.execute import execute
 
@@ -80,12 +80,12 @@ class Local:
         part of a run's identity, and a table that is resumed or extended has to find its finished cells again.
         Raises InputError for more jobs than cores.
         """
-        cores = len(os.sched_getaffinity(0))
-        if jobs is not None and jobs > cores:
-            raise InputError(f"jobs={jobs}: expected at most {cores}, the cores that this process may use")
+        most = cores()
+        if jobs is not None and jobs > most:
+            raise InputError(f"jobs={jobs}: expected at most {most}, the cores that this process may use")
         if jobs is None:
-            jobs = 1 if device == "cuda" else max(1, min(cores, total_memory() // MEMORY_PER_JOB))
-        return jobs, max(1, cores // jobs)
+            jobs = 1 if device == "cuda" else max(1, min(most, total_memory() // MEMORY_PER_JOB))
+        return jobs, max(1, most // jobs)
 
     @contextmanager
     def opened(self, folder: Path) -> Iterator[Start]:
@@ -134,7 +134,7 @@ class Ray(Local):
         """Connect to Ray, or start it. Raises InputError for an address at which there is none."""
         import ray
 
-        own = {} if self.address else {"num_cpus": len(os.sched_getaffinity(0)), "include_dashboard": False}
+        own = {} if self.address else {"num_cpus": cores(), "include_dashboard": False}
         handler = signal.getsignal(signal.SIGTERM)
         host, _, port = (self.address or "").rpartition(":")
         try:
@@ -252,7 +252,7 @@ class SubmititLocal(SubmititSlurm):
 
     def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
         """As many at a time as there are cores here, unless fewer are wanted."""
-        return jobs or max(1, len(os.sched_getaffinity(0)) // self.cpus), self.cpus
+        return jobs or max(1, cores() // self.cpus), self.cpus
 
     def _cancel(self, job: Any) -> None:  # noqa: ANN401 (as _job)
         os.kill(int(job.job_id), signal.SIGTERM)  # to a process that hands signals on; submitit's own way kills after a second

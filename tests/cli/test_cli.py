@@ -4,6 +4,7 @@ The run itself is replaced by tests/fake_run, so that these tests take seconds a
 """
 
 import json
+import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from command_line import call, results, started
 
 from ia_bench.cli.main import COMMANDS
+from ia_bench.cli.main import main as any_command
 from ia_bench.cli.run import main
 from ia_bench.common.paths import conf_folder
 
@@ -131,6 +133,15 @@ COMMAND = str(Path(sys.executable).with_name("ia-bench"))
 
 def ia_bench(*arguments):
     return subprocess.run([COMMAND, *arguments], capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("system", ["Darwin", "Windows"])
+def test_another_system_is_refused_in_one_sentence(
+    system: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(platform, "system", lambda: system)
+    assert any_command(["run", "scene=tiny"]) == 2
+    assert capsys.readouterr().err == f"ia_bench: expected Linux, found {system}; docs/usage.md says what ia_bench runs on\n"
 
 
 def test_help_lists_every_command_with_what_it_is_for():

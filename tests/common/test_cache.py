@@ -19,7 +19,7 @@ KEY = content_key("things", "a", torch.zeros(3))
 
 @pytest.fixture(autouse=True)
 def nothing_said() -> None:
-    module._say.cache_clear()
+    module.tell_once.cache_clear()
 
 
 def same(tensors: dict[str, torch.Tensor]) -> bool:

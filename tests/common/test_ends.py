@@ -3,10 +3,13 @@
 import argparse
 import errno
 import os
+import stat
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import torch
 
 from ia_bench.cli.table import parse
 from ia_bench.common import machine
@@ -60,6 +63,18 @@ def test_a_folder_appears_when_its_block_ends(tmp_path: Path) -> None:
         assert (tmp_path / name).stat().st_mode == (tmp_path / "usual").stat().st_mode
 
 
+def test_a_share_that_cannot_write_down_an_entry_still_keeps_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def as_cifs(descriptor: int, plain: Callable[[int], None] = os.fsync) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, "Invalid argument")
+        plain(descriptor)
+
+    monkeypatch.setattr(os, "fsync", as_cifs)
+    with whole_file(tmp_path / "figure.svg") as partial:
+        partial.write_text("whole")
+    assert (tmp_path / "figure.svg").read_text() == "whole"
+
+
 @pytest.mark.parametrize(
     ("error", "said"),
     [
@@ -77,15 +92,39 @@ def test_a_full_disk_and_numbers_that_are_none_are_told_in_one_line(
     assert capsys.readouterr().err == f"ia_bench: {said}\n"
 
 
+@pytest.mark.parametrize(
+    ("quota", "expected"),
+    [(None, 8), ("max 100000", 8), ("250000 100000", 2), ("50000 100000", 1), ("6400000 100000", 8)],
+)
+def test_cores_are_those_that_a_container_has_time_for(
+    quota: str | None, expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "cpu.max"
+    if quota is not None:
+        place.write_text(f"{quota}\n")
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
+    monkeypatch.setattr(machine, "QUOTA", place)
+    assert machine.cores() == expected
+
+
 def test_available_memory_is_some_and_no_more_than_there_is() -> None:
     assert 0 < machine.available_memory() <= os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
 def test_a_need_beyond_it_is_named_with_both_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine, "available_memory", lambda: 8_000_000_000)
+    monkeypatch.setattr(machine, "available_memory", lambda device: 8_000_000_000)
     machine.expect_memory("render.texture=2048", 5e8)
     with pytest.raises(InputError, match=r"render\.texture=100000: expected .* the 8\.0 GB .*, found a need for 1\.28e\+03 GB"):
         machine.expect_memory("render.texture=100000", 1.28e12)
+
+
+def test_what_is_free_on_a_gpu_counts_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that no other program has: 5 GB, and 1 of the 2 GB that torch holds."""
+    for name, value in (("mem_get_info", (5e9, 8e9)), ("memory_reserved", 2e9), ("memory_allocated", 1e9)):
+        monkeypatch.setattr(torch.cuda, name, lambda value=value: value)
+    machine.expect_memory("render.texture=2048", 5.9e9, "cuda")
+    with pytest.raises(InputError, match=r"the 6\.0 GB of memory that are free on the GPU, found a need for 6\.1 GB"):
+        machine.expect_memory("render.texture=2048", 6.1e9, "cuda")
 
 
 @pytest.mark.parametrize(("value", "least"), [("-1", 1), ("x", 0), ("0", 1), ("-1", 0), ("1.5", 1)])

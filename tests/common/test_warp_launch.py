@@ -1,8 +1,11 @@
 """Launches over tensors: every item once whatever the threads, sums that no thread loses, mistakes that are refused."""
 
+import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import torch
@@ -120,8 +123,20 @@ def test_a_tensor_on_another_device_is_refused(name: str) -> None:
         launch(_of_several_axes, 5, *(GOOD | {name: GOOD[name].to("meta")}).values(), device=CPU)
 
 
+SCRIPT = "import torch; from ia_bench.material.textures import fetch; fetch(torch.ones(2, 2, 3), torch.ones(4, 2))"
+
+
 def test_nothing_is_printed() -> None:
     """Not of Warp, its modules, its compiler or a GPU that is not there: output belongs to the commands."""
-    script = "import torch; from ia_bench.material.textures import fetch; fetch(torch.ones(2, 2, 3), torch.ones(4, 2))"
-    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    ended = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
     assert (ended.stdout, ended.stderr) == ("", "")
+
+
+@pytest.mark.parametrize("variable", ["XDG_CACHE_HOME", "WARP_CACHE_PATH"])
+def test_a_folder_that_keeps_no_kernels_stops_nothing(variable: str, tmp_path: Path) -> None:
+    environment = {**os.environ, variable: "/dev/null/kernels", "TMPDIR": str(tmp_path)}
+    ended = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True, env=environment)
+    assert re.fullmatch(
+        r"ia_bench: cache: /dev/null/kernels.*: no kernels can be kept there \(.*\); set WARP_CACHE.*\n", ended.stderr
+    )
+    assert list(tmp_path.iterdir()) == []

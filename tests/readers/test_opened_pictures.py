@@ -24,6 +24,7 @@ from ia_bench.scenes.scene import Scene
 @pytest.mark.parametrize("suffix", [".PNG", ".JPG", ".JPEG", ".TIF", ".png", ".jpg", ".WebP"])
 def test_the_case_of_a_suffix_does_not_matter_in_a_list(tmp_path: Path, suffix: str) -> None:
     (tmp_path / "notes.TXT").write_text("no picture")
+    (tmp_path / "._b.png").write_text("what macOS leaves beside b.png on other file systems")
     Image.new("RGB", (2, 2)).save(tmp_path / f"a{suffix}")
     Image.new("RGB", (2, 2)).save(tmp_path / "b.png")
     assert [path.name for path in pictures_in(tmp_path)] == [f"a{suffix}", "b.png"]

@@ -55,6 +55,17 @@ def test_another_configuration_is_refused_by_key(folder: RunFolder) -> None:
     RunFolder(path, CONFIG, HASH).__exit__(None, None, None)  # the refusal left the lock free and the folder whole
 
 
+def test_a_file_system_without_locks_is_a_plain_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def as_lustre(*_: object) -> None:
+        raise OSError(errno.ENOSYS, "Function not implemented")
+
+    monkeypatch.setattr(checkpoint.fcntl, "flock", as_lustre)
+    with pytest.raises(
+        InputError, match=r"run: expected a file system on which files can be locked, found: Function not implemented"
+    ):
+        RunFolder(tmp_path / "run", CONFIG, HASH)
+
+
 def test_folder_that_cannot_be_used_is_a_plain_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be used as a run's folder"):

@@ -50,7 +50,7 @@ class _Shader:
         for part in torch.arange(len(points.uv), device=points.uv.device).split(SHADED_AT_ONCE):
             some = part_of(points, part)
             albedo, roughness = fetch(self._material.albedo, some.uv), fetch(self._material.roughness, some.uv)
-            scaled = albedo if albedo_scale is None else albedo * albedo_scale
+            scaled = albedo if albedo_scale is None else albedo * albedo_scale.to(albedo)
             indirect = None if self._indirect is None else self._indirect.at(some.uv)
             shaded.append(shade(some, scaled, roughness, self._light, self._visibility, indirect))
         return torch.cat(shaded)
