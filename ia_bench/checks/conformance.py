@@ -11,14 +11,13 @@ from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.modules.module import register_module_forward_pre_hook
 
-from ia_bench.checks.finding import Finding, guarded, judge
+from ia_bench.checks.finding import Finding, guarded, judge, other_chance, told
 from ia_bench.checks.stack import Stack, painted_ball
-from ia_bench.common.errors import InputError, raised
+from ia_bench.common.errors import InputError
 from ia_bench.common.registry import process_state_kept
 from ia_bench.priors.contract import COMPONENTS, Observations, Prior, Samples
 from ia_bench.priors.validation import check_prior_info, checked
@@ -46,7 +45,7 @@ def check_prior(make: Callable[[], Any], stack: Stack) -> Iterator[Finding]:
             check_prior_info(prior)
             subject = Subject(make, prior, stack)
         except (Exception, SystemExit) as error:
-            yield Finding("fail", "construction", "a prior with info and sample()", raised(error))
+            yield Finding("fail", "construction", "a prior with info and sample()", told(error))
             return
         sets = {name: sorted(value) if isinstance(value, frozenset) else value for name, value in vars(prior.info).items()}
         yield Finding("pass", "info", "", ", ".join(f"{name} {value}" for name, value in sets.items()))
@@ -82,10 +81,9 @@ class Subject:
         inputs = {name: value for name, value in vars(shown).items() if isinstance(value, Tensor)}
         inputs |= {f"{what} {name}": value for what, table in tables.items() for name, value in (table or {}).items()}
         kept = {name: value.clone() for name, value in inputs.items()}
-        self._asked += 1  # another state of the global generators each time: a sample must not depend on them
-        torch.manual_seed(self._asked)
-        np.random.seed(self._asked)
-        with register_module_forward_pre_hook(lambda module, inputs: setattr(self, "forwards", self.forwards + 1)):
+        self._asked += 1
+        counted = register_module_forward_pre_hook(lambda module, inputs: setattr(self, "forwards", self.forwards + 1))
+        with counted, other_chance(self._asked):
             samples = call(shown, **given)
         self.modified |= {n for n, v in inputs.items() if not torch.equal(v.nan_to_num(), kept[n].nan_to_num())}
         for name, value in kept.items():  # so that one wrong write fails no later rule

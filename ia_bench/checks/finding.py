@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import random
+import sys
+import traceback
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Literal
 
 import numpy as np
+import torch
 
-from ia_bench.common.errors import raised
+from ia_bench.common import registry
+from ia_bench.common.errors import InputError, raised
+from ia_bench.common.exit_codes import say
 
 Status = Literal["pass", "fail", "skip"]
 
@@ -33,7 +41,24 @@ def guarded(what: str, expected: str, rule: Callable[[], Iterator[Finding]]) -> 
     try:
         yield from rule()
     except (Exception, SystemExit) as error:
-        yield Finding("fail", what, expected, raised(error))
+        yield Finding("fail", what, expected, told(error))
+
+
+def told(error: BaseException) -> str:
+    """What an exception says, and where it was raised unless it says itself what is wrong; IA_BENCH_DEBUG=1 shows its traceback."""
+    if os.environ.get("IA_BENCH_DEBUG") == "1":
+        say("".join(traceback.format_exception(error)), sys.stderr)
+    return raised(error) if isinstance(error, InputError) else registry.told(error)
+
+
+@contextmanager
+def other_chance(number: int) -> Iterator[None]:
+    """Inside the block the generators of the whole process are in another state for each ``number``: nothing may depend on it."""
+    with registry.process_state_kept():
+        random.seed(number)
+        np.random.seed(number)
+        torch.manual_seed(number)
+        yield
 
 
 def difference(one: object, two: object, where: str = "scene") -> str | None:

@@ -5,13 +5,16 @@ Both are asked about a problem as a run makes it, of materials and samples that 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ia_bench.checks.finding import Finding, guarded, judge
+from ia_bench.checks.finding import Finding, guarded, judge, other_chance
 from ia_bench.common.errors import InputError
 from ia_bench.common.registry import Kind
 from ia_bench.light.latlong import SampledLight
@@ -40,7 +43,7 @@ def _of_kind(what: Kind, kind: type, make: Callable[[], Any], rules: Rules, prob
     made = make()
     yield judge(isinstance(made, kind), "construction", f"a {kind.__module__}.{kind.__name__}", type(made).__name__)
     if isinstance(made, kind):
-        yield from rules(lambda: checked_part(what, "", make()), problem)
+        yield from rules(lambda: checked_part(what, type(made).__qualname__, make()), problem)
 
 
 def _coupling(new: Callable[[], Coupling], problem: Problem) -> Iterator[Finding]:
@@ -53,24 +56,43 @@ def _coupling(new: Callable[[], Coupling], problem: Problem) -> Iterator[Finding
         yield Finding("skip", "losses", "", "it uses nothing, so it is never asked for any")
         return
     radiance = problem.photographs.radiance
-    values = {"albedo": (0.4 * radiance).clamp(0, 1), "specular": 0.1 * radiance}
-    samples = PixelSamples(values, torch.ones(len(radiance), 1))
+    asked = (torch.arange(len(radiance)) >= len(radiance) // 5).float()[:, None]  # a prior is not asked about every view
+    values = {"albedo": asked * (0.4 * radiance).clamp(0, 1), "specular": asked * 0.1 * radiance}
+    samples = PixelSamples(values, asked / asked.mean())
     kept = {name: value.clone() for name, value in values.items()}
     coupling.prepare(samples, problem)
     pixels = torch.linspace(0, len(radiance) - 1, PIXELS).long()
-    first, gradients = _losses(coupling, samples, pixels)
+    number = itertools.count()
+
+    def losses_of(one: Coupling) -> tuple[dict[str, Tensor], list[Tensor]]:
+        with other_chance(next(number)):
+            return _losses(one, samples, pixels)
+
+    first, gradients = losses_of(coupling)
     said = ", ".join(f"{name} {float(value):.3g}" for name, value in first.items()) or "none"
     sound = all(bool(torch.isfinite(part).all()) for part in (*first.values(), *gradients))
     yield judge(sound, "losses", "finite values, and gradients", said)
     moved = any(bool(part.any()) for part in gradients)
     yield judge(moved, "gradient", "losses that the render moves", "a gradient" if moved else "none")
-    yield _same("the same generator again", first, _losses(coupling, samples, pixels)[0])
+    yield _same("the same generator again", first, losses_of(coupling)[0])
     other = new()
     other.prepare(samples, problem)
     other.restore(coupling.state())
-    yield _same("killed and resumed", _losses(coupling, samples, pixels)[0], _losses(other, samples, pixels)[0])
+    yield _same("killed and resumed", losses_of(coupling)[0], losses_of(other)[0])
     same = all(torch.equal(values[name], kept[name]) for name in kept)
     yield judge(same, "samples", "nothing modified", "" if same else "modified")
+    for name in COMPONENTS:
+        yield from guarded(f"a prior of {name} alone", AN_ANSWER, partial(_alone, new(), name, samples, problem, pixels))
+
+
+def _alone(coupling: Coupling, name: str, samples: PixelSamples, problem: Problem, pixels: Tensor) -> Iterator[Finding]:
+    """What the coupling makes of a prior that provides one component."""
+    uses = coupling.uses(frozenset({name}))
+    found = ""
+    if uses:
+        coupling.prepare(replace(samples, values={name: samples.values[name]}), problem)
+        found = ", ".join(_losses(coupling, samples, pixels)[0])
+    yield Finding("pass", f"a prior of {name} alone", "", found or "nothing used")
 
 
 def _losses(coupling: Coupling, samples: PixelSamples, pixels: Tensor) -> tuple[dict[str, Tensor], list[Tensor]]:
@@ -94,7 +116,7 @@ def _regulariser(new: Callable[[], Regulariser], problem: Problem) -> Iterator[F
         yield Finding("skip", "everything else", "", f"it cannot be applied here: {error}")
         return
     due = [step for step in range(1, STEPS + 1) if regulariser.due(step, STEPS)]
-    when = "it completes the finished material" if regulariser.completes else f"after {len(due)} of {STEPS} steps"
+    when = "it completes the finished material" if regulariser.completes else f"{len(due)} times in {STEPS} steps"
     yield judge(bool(due) or regulariser.completes, "when it is due", "some step, or the end", when)
     generator = torch.Generator().manual_seed(0)
     material = Material(torch.rand(SIDE, SIDE, 3, generator=generator), 0.2 + 0.6 * torch.rand(SIDE, SIDE, 1, generator=generator))
@@ -106,12 +128,12 @@ def _regulariser(new: Callable[[], Regulariser], problem: Problem) -> Iterator[F
     def refine(renders: dict[str, Tensor]) -> Samples:  # of a prior that corrects everything to a half
         return Samples({name: 0.5 * renders[name] for name in ("albedo", "roughness")})
 
-    def applied(one: Regulariser) -> Material:
+    def applied(one: Regulariser, number: int) -> Material:
         light = SampledLight.of(torch.ones(8, 16, 3))
-        return one.apply(material, FitState(problem, light, None, observed, torch.Generator().manual_seed(0), refine))
+        with other_chance(number), torch.no_grad():
+            return one.apply(material, FitState(problem, light, None, observed, torch.Generator().manual_seed(0), refine))
 
-    with torch.no_grad():
-        moved, again, another = map(applied, (regulariser, regulariser, other))
+    moved, again, another = map(applied, (regulariser, regulariser, other), range(3))
     change = float((moved.albedo - material.albedo).abs().mean())
     yield Finding("pass", "a material", "", f"as large as before, finite; albedo moves by {change:.2g} in the mean")
     same = torch.equal(material.albedo, before[0]) and torch.equal(material.roughness, before[1])

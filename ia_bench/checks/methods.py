@@ -20,8 +20,7 @@ import numpy as np
 import torch
 from scipy.ndimage import maximum_filter
 
-from ia_bench.checks.finding import Finding, difference, guarded, judge
-from ia_bench.common.errors import raised
+from ia_bench.checks.finding import Finding, difference, guarded, judge, other_chance, told
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.info import MethodInfo, check_declarations
@@ -82,21 +81,22 @@ def check_method(make: Callable[[], Any], make_problem: Callable[[Scene], Proble
         method = make()
         check_declarations(type(method).__qualname__, method)
     except (Exception, SystemExit) as error:
-        yield Finding("fail", what, expected, raised(error))
+        yield Finding("fail", what, expected, told(error))
         return
     presets = ", ".join(method.presets) or "none"
     yield Finding("pass", what, expected, f"presets {presets}; predicts {', '.join(sorted(method.info.predicts))}")
     problem, started = make_problem(scene), time.perf_counter()
-    before = deepcopy(problem.scene)
+    before, name, number = deepcopy(problem.scene), type(method).__qualname__, itertools.count()
 
     def fit(scene: Scene, memory: Memory) -> Reconstruction:
-        problem, name = make_problem(scene), type(method).__qualname__
-        return reconstruct(name, make(), problem, seed=SEED, monitor=memory.monitor()).reconstruction
+        with other_chance(next(number)):
+            return reconstruct(name, make(), make_problem(scene), seed=SEED, monitor=memory.monitor()).reconstruction
 
     try:
-        result = reconstruct(type(method).__qualname__, method, problem, seed=SEED, monitor=Memory().monitor())
+        with other_chance(next(number)):
+            result = reconstruct(name, method, problem, seed=SEED, monitor=Memory().monitor())
     except (Exception, SystemExit) as error:
-        yield Finding("fail", "a fit", "a result as the contract describes it", raised(error))
+        yield Finding("fail", "a fit", "a result as the contract describes it", told(error))
         yield Finding("skip", "everything else", "", "it needs a sound result")
         return
     found, seconds = result.reconstruction, time.perf_counter() - started

@@ -11,10 +11,9 @@ import torch
 from PIL import Image
 from scipy.ndimage import binary_erosion
 
-from ia_bench.checks.finding import Finding, difference, guarded, judge
+from ia_bench.checks.finding import Finding, difference, guarded, judge, told
 from ia_bench.checks.views import check_views
 from ia_bench.common.atomic_file import whole_file
-from ia_bench.common.errors import raised
 from ia_bench.readers.contract import TRUTH_OF_VIEWS, SceneReader, check_scene, unscored
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.render.gbuffer import trace_gbuffer
@@ -41,7 +40,7 @@ def check_reader(make: Callable[[], SceneReader], sheet: Path | None = None) -> 
     try:
         scene = read(truth=True)
     except (Exception, SystemExit) as error:
-        yield Finding("fail", "scene", "a Scene as its description says", raised(error))
+        yield Finding("fail", "scene", "a Scene as its description says", told(error))
         yield Finding("skip", "everything else", "", "it needs a sound scene")
         return
     views = ", ".join(f"{len(getattr(scene, split))} {split}" for split in ("train", "test", "novel") if getattr(scene, split))
@@ -72,7 +71,7 @@ def _equal(what: str, expected: str, scenes: Callable[[], tuple[Scene, Scene]], 
     try:
         found = difference(*scenes(), where)
     except (Exception, SystemExit) as error:
-        found = raised(error)
+        found = told(error)
     return judge(found is None, what, expected, found or "")
 
 

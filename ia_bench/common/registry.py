@@ -118,7 +118,10 @@ def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None
 
 
 def sources(plugin: Plugin) -> dict[Path, list[Path]]:
-    """The files that :func:`foreign_code` hashes, by the folder that each group of them lies in; none where it is built in."""
+    """The files that :func:`foreign_code` hashes, by the folder that each group of them lies in; none where it is built in.
+
+    Raises InputError for a class of a notebook: nothing would tell a finished run from one of the class as it is by now.
+    """
     if plugin.distribution == BUILT_IN:
         return {}
     module = plugin.target.partition(":")[0].split(".")
@@ -126,6 +129,13 @@ def sources(plugin: Plugin) -> dict[Path, list[Path]]:
         found = importlib.util.find_spec(module[0])
     except (ImportError, ValueError):  # it has no name, or is no module of a file, as __main__
         found = None
+    if found is None and module == ["__main__"]:
+        path = Path(getattr(sys.modules["__main__"], "__file__", None) or "")
+        if not path.is_file():
+            raise InputError(
+                f"{plugin.kind} {plugin.name}: expected a class in a file, by whose content its runs are known, found none"
+            )
+        return {path.parent: [path]}
     if found is None:
         return {}
     if found.submodule_search_locations is None:
@@ -155,10 +165,14 @@ def load(plugin: Plugin) -> Any:  # noqa: ANN401 (whatever the plugin's author p
         for part in attribute.split("."):
             found = getattr(found, part)
     except (Exception, SystemExit) as error:  # whatever foreign code does on import stays with that plugin
-        raise BrokenPlugin(f"{who}: importing {plugin.target} raised {raised(error)}") from error
+        absent = isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]
+        where = "; it is looked for in the current folder and on PYTHONPATH" if absent else ""
+        raise BrokenPlugin(f"{who}: importing {plugin.target} raised {raised(error)}{where}") from error
     members = MEMBERS[plugin.kind]
-    if not all(hasattr(found, member) for member in members) or not callable(found):
-        raise BrokenPlugin(f"{who}: expected a class with {', '.join(members)}, found that {plugin.target} is none")
+    lacking = [member for member in members if not hasattr(found, member)]
+    if lacking or not callable(found):
+        what = f"one without {', '.join(lacking)}" if isinstance(found, type) else f"an object of type {type(found).__name__}"
+        raise BrokenPlugin(f"{who}: expected a class with {', '.join(members)}, found {what}")
     return found
 
 
@@ -187,8 +201,13 @@ def at_work(kind: Kind, name: str) -> Iterator[None]:
     except (InputError, Fault, KeyboardInterrupt):
         raise
     except BaseException as error:
-        where = f"{place}; " if (place := place_of(error)) else ""
-        raise PluginError(f"{kind} {name} raised {raised(error)} ({where}IA_BENCH_DEBUG=1 shows the traceback)") from error
+        raise PluginError(f"{kind} {name} raised {told(error)}") from error
+
+
+def told(error: BaseException) -> str:
+    """What an exception of a plugin says, where it was raised, and how to see more."""
+    where = f"{place}; " if (place := place_of(error)) else ""
+    return f"{raised(error)} ({where}IA_BENCH_DEBUG=1 shows the traceback)"
 
 
 @contextmanager

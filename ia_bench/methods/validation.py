@@ -103,6 +103,8 @@ class Checked:
         with at_work(self._kind, self._name):
             value = getattr(self._found, attribute)
         who = f"{self._kind} {self._name}: {self._part}{attribute}"
+        if getattr(value, "__func__", None) in TO_BE_DEFINED:
+            raise PluginError(f"{who}(): expected a method of its own, found none")
         check = self._answers.get(attribute, lambda who, answer, *_: answer)
         if not callable(value):
             return check(who, value)
@@ -166,7 +168,8 @@ def _environment(who: str, light: Any) -> Environment | None:  # noqa: ANN401
 
 def _used(who: str, used: Any, provides: frozenset[str]) -> frozenset[str]:  # noqa: ANN401
     if not isinstance(used, frozenset) or not used <= provides:
-        raise PluginError(f"{who}: expected a part of {set(provides)}, found {used!r:.100}")
+        expected = f"a frozenset of some of {', '.join(sorted(provides))}" if provides else "an empty frozenset"
+        raise PluginError(f"{who}: expected {expected}, found {used!r:.100}")
     return used
 
 
@@ -196,6 +199,9 @@ ANSWERS: dict[Kind, tuple[type, dict[str, Callable[..., Any]]]] = {
     "regulariser": (Regulariser, {"apply": _moved}),
 }
 """What a plug-in of each kind must be, and what checks its answers."""
+
+TO_BE_DEFINED = Coupling.prepare, Coupling.loss, Regulariser.apply
+"""Of the base classes, what a subclass has to define."""
 
 
 def _numbers(who: str, values: Any, kind: type) -> Iterator[tuple[str, Any]]:  # noqa: ANN401

@@ -140,7 +140,7 @@ def check_numbers(what: str, value: Any, device: str) -> None:  # noqa: ANN401 (
     facts: list[tuple[str, object, object]] = [("type", "float32", value.dtype)]
     if isinstance(value, Tensor):
         facts += [("layout", "strided", value.layout), ("device", device, value.device.type)]
-        facts += [("gradient", False, value.requires_grad)]
+        facts += [("requires_grad", False, value.requires_grad)]
     for fact, expected, found in facts:
         if str(found).removeprefix("torch.") != str(expected):
             raise PluginError(f"{what}: expected {fact} {expected}, found {str(found).removeprefix('torch.')}")

@@ -3,6 +3,7 @@
 Each broken prior is a small change of ``Sound``, which passes everything. A new rule needs a new entry in ``BROKEN``.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -58,12 +59,19 @@ def test_broken_prior_is_caught(name: str, ball: Stack) -> None:
     assert "\n" not in found[0].found
 
 
-def test_nothing_that_a_prior_raises_gets_out(ball: Stack) -> None:
+def test_what_a_prior_raises_is_told_with_its_place_and_goes_no_further(
+    ball: Stack, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def explode(*_: object, **__: object) -> None:
         raise SystemError("deep\ninside")
 
-    findings = list(check_prior(changed(sample=lambda self, observations, *, seed, guidance=None: explode()), ball))
-    assert [f.found for f in findings if f.status == "fail"] == ["SystemError: deep"]
+    broken = changed(sample=lambda self, observations, *, seed, guidance=None: explode())
+    (found,) = (finding.found for finding in check_prior(broken, ball) if finding.status == "fail")
+    assert re.fullmatch(r"SystemError: deep \(test_conformance\.py:\d+; IA_BENCH_DEBUG=1 shows the traceback\)", found)
+    assert not capsys.readouterr().err
+    monkeypatch.setenv("IA_BENCH_DEBUG", "1")
+    list(check_prior(broken, ball))
+    assert "in explode" in capsys.readouterr().err
 
 
 def test_global_state_is_put_back(ball: Stack) -> None:

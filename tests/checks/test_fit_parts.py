@@ -40,6 +40,9 @@ def test_regularisers_of_the_package_keep_their_contract(name: str, problem: Pro
 class Level(Coupling):
     """Draws the albedo to the mean of the prior's."""
 
+    def uses(self, provides: frozenset[str]) -> frozenset[str]:
+        return provides & {"albedo"}
+
     def prepare(self, samples: PixelSamples, problem: Problem) -> None:
         self.mean = samples.values["albedo"].mean(0)
 
@@ -51,6 +54,23 @@ class Paints(Level):
     def prepare(self, samples: PixelSamples, problem: Problem) -> None:
         super().prepare(samples, problem)
         samples.values["albedo"].zero_()
+
+
+class Quotient(Level):
+    """Divides by the prior's albedo, which is 0 in views that it was not asked about."""
+
+    def prepare(self, samples: PixelSamples, problem: Problem) -> None:
+        self.albedo, self.weight = samples.values["albedo"], samples.weight
+
+    def loss(self, render: StepRender, pixels: Tensor) -> Any:
+        return {"quotient": (self.weight[pixels] * render.albedo / self.albedo[pixels]).mean()}
+
+
+class Drawn(Level):
+    """Chooses pixels by the generator of the whole process."""
+
+    def loss(self, render: StepRender, pixels: Tensor) -> Any:
+        return {"drawn": (render.albedo[torch.rand(len(pixels)) < 0.5] - self.mean).square().sum()}
 
 
 class Counts(Level):
@@ -67,12 +87,25 @@ class Counts(Level):
     ("broken", "cross"),
     [
         (dict, "construction: dict"),
-        (Coupling, "a question: NotImplementedError: no message"),
-        (type("A", (Level,), {"loss": lambda self, render, pixels: render.albedo.mean()}), "expected a mapping of names to losses"),
+        (type("B", (Coupling,), {}), "coupling B: prepare(): expected a method of its own, found none"),
+        (
+            type("A", (Level,), {"loss": lambda self, render, pixels: render.albedo.mean()}),
+            "coupling A: loss(): expected a mapping",
+        ),
         (type("C", (Level,), {"loss": lambda self, render, pixels: {"a": render.albedo.mean() / 0}}), "losses: a inf"),
         (type("D", (Level,), {"loss": lambda self, render, pixels: {}}), "gradient: none"),
-        (type("E", (Level,), {"uses": lambda self, provides: {"normals"}}), "uses(): expected a part of"),
+        (
+            type("E", (Level,), {"uses": lambda self, provides: {"albedo"}}),
+            "uses(): expected a frozenset of some of albedo, specular",
+        ),
+        (type("F", (Level,), {"uses": lambda self, provides: frozenset({"albedo"})}), "uses(): expected an empty frozenset, found"),
         (Counts, "the same generator again: level differ"),
+        (Drawn, "the same generator again: drawn differ"),
+        (Quotient, "losses: quotient nan"),
+        (
+            type("G", (Level,), {"uses": lambda self, provides: provides}),
+            "a prior of specular alone: PluginError: coupling G raised KeyError",
+        ),
         (Paints, "samples: modified"),
     ],
 )
@@ -87,6 +120,13 @@ class Darker(Regulariser):
         return replace(material, albedo=0.99 * material.albedo)
 
 
+class Dims(Regulariser):
+    """Darker by chance, of the generator of the whole process."""
+
+    def apply(self, material: Material, state: FitState) -> Material:
+        return replace(material, albedo=material.albedo * torch.rand(()))
+
+
 class Inside(Regulariser):
     def apply(self, material: Material, state: FitState) -> Material:
         material.albedo.mul_(0.99)
@@ -97,9 +137,10 @@ class Inside(Regulariser):
     ("broken", "cross"),
     [
         (NoCoupling, "construction: NoCoupling"),
-        (Regulariser, "NotImplementedError"),
+        (type("F", (Regulariser,), {}), "regulariser F: apply(): expected a method of its own, found none"),
+        (Dims, "the same generator again: albedo differ"),
         (type("A", (Darker,), {"apply": lambda self, material, state: None}), "apply(): expected a ia_bench.material"),
-        (type("B", (Darker,), {"due": lambda self, step, steps: False}), "when it is due: after 0 of 100 steps"),
+        (type("B", (Darker,), {"due": lambda self, step, steps: False}), "when it is due: 0 times in 100 steps"),
         (type("C", (Darker,), {"apply": lambda self, m, state: replace(m, albedo=m.albedo / 0)}), "albedo: expected finite values"),
         (type("E", (Darker,), {"apply": lambda self, m, state: replace(m, albedo=torch.rand(32, 32, 3))}), "again: albedo differ"),
         (Inside, "the material that it was given: modified"),

@@ -130,6 +130,12 @@ def test_what_does_not_repeat_is_found(tiny: Scene) -> None:
     assert failed(findings(broken, tiny)) == ["the same seed again", "the same seed again, with another truth"]
 
 
+def test_what_draws_from_the_generator_of_the_process_is_found(tiny: Scene) -> None:
+    """Its numbers would be those of whatever ran before it, and the same for every seed."""
+    broken = type("Unseeded", (Walk,), {"start": lambda self, seed: torch.default_generator, "saves": False})
+    assert failed(findings(broken, tiny)) == ["the same seed again", "the same seed again, with another truth"]
+
+
 def test_what_finds_the_truth_is_found(tiny: Scene) -> None:
     """The problem looks blind, and the truth comes by another door."""
     hidden: list[Scene] = []

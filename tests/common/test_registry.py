@@ -140,13 +140,26 @@ def test_values_are_checked_against_annotations(options: dict[str, Any], message
 
 
 @pytest.mark.parametrize(
-    ("kind", "target"),
-    [("prior", "json:loads"), ("prior", "os:system"), ("method", "collections:OrderedDict"), ("reader", "math:pi")],
+    ("kind", "target", "found"),
+    [
+        ("prior", "json:loads", "an object of type function"),
+        ("prior", "os:system", "an object of type builtin_function_or_method"),
+        ("method", "collections:OrderedDict", "one without Options, presets, info, fit"),
+        ("reader", "math:pi", "an object of type float"),
+    ],
 )
-def test_what_is_no_plugin_is_told_by_what_it_lacks(kind: registry.Kind, target: str) -> None:
-    said = f"^{kind} .{target}. of the command line cannot be used: expected a class with .*{target} is none"
+def test_what_is_no_plugin_is_told_by_what_it_lacks(kind: registry.Kind, target: str, found: str) -> None:
+    said = f"^{kind} .{target}. of the command line cannot be used: expected a class with .*, found {found}$"
     with pytest.raises(InputError, match=said):
         registry.load(registry.find(kind, target))
+
+
+@pytest.mark.parametrize(
+    ("target", "advice"), [("third_absent:Good", "; it is looked for in the current folder and on PYTHONPATH"), ("json:Good", "")]
+)
+def test_a_module_that_is_not_there_is_told_where_it_is_looked_for(target: str, advice: str) -> None:
+    with pytest.raises(InputError, match=rf"importing {target} raised \w+: (No module named|module) .*'{advice}$"):
+        registry.load(registry.find("prior", target))
 
 
 def test_whatever_an_annotation_may_mean_is_let_through() -> None:
@@ -195,7 +208,21 @@ def test_the_code_of_a_plugin_is_that_of_its_whole_package(tmp_path: Path, targe
     assert "third_package" not in sys.modules, "nothing is imported to tell what code there is"
 
 
-@pytest.mark.parametrize("target", ["third_nowhere:Good", "sys:path", "__main__:Good", ":Good"])
-def test_code_without_a_file_is_told_by_its_distribution(target: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+@pytest.mark.parametrize("target", ["third_nowhere:Good", "sys:path", ":Good"])
+def test_code_without_a_file_is_told_by_its_distribution(target: str) -> None:
     assert registry.foreign_code("prior", target) == "the command line, no file"
+
+
+def test_a_class_of_a_script_is_told_by_the_script_and_one_of_a_notebook_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(GOOD)
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", str(script), raising=False)
+    code = registry.foreign_code("prior", "__main__:Good")
+    script.write_text(f"{GOOD}\n# another state of it")
+    assert registry.foreign_code("prior", "__main__:Good") != code
+    monkeypatch.delattr(sys.modules["__main__"], "__file__")
+    with pytest.raises(InputError, match=r"^prior __main__:Good: expected a class in a file, .*, found none$"):
+        registry.foreign_code("prior", "__main__:Good")

@@ -68,7 +68,7 @@ class Own:
         ({"light": LIGHT[:3]}, r"light: expected shape \(H, 2 H, 3\), found \(3, 8, 3\)"),
         ({"light": -LIGHT}, r"light: expected values from 0 to 1e\+12, found -1 to -1"),
         ({"light": LIGHT * 1e38}, r"light: expected values from 0 to 1e\+12, found 1e\+38 to 1e\+38"),
-        ({"albedo": ALBEDO.clone().requires_grad_()}, "albedo: expected gradient False, found True"),
+        ({"albedo": ALBEDO.clone().requires_grad_()}, "albedo: expected requires_grad False, found True"),
         ({"albedo": torch.ones(1, 1, 3).expand(36000, 36000, 3)}, "albedo: expected at most 8192 texels a side"),
     ],
 )

@@ -135,7 +135,7 @@ WRONG: dict[str, tuple[Callable[[Observations], Any], str]] = {
     "double": (edit(Tensor.double), r"albedo: expected type float32, found float64"),
     "channels first": (edit(lambda albedo: albedo.movedim(-1, 1)), r"albedo: expected shape \(3, 7, 9, 3\), found \(3, 3, 7, 9\)"),
     "another device": (edit(lambda albedo: albedo.to("meta")), "albedo: expected device cpu, found meta"),
-    "with gradient": (edit(lambda albedo: albedo * GRADIENT), "albedo: expected gradient False, found True"),
+    "with gradient": (edit(lambda albedo: albedo * GRADIENT), "albedo: expected requires_grad False, found True"),
     "NaN": (put(torch.nan), "albedo: expected finite values, found NaN or Inf in 81 of 567"),
     "a ceiling of what is not provided": (changed(ceilings={"roughness": torch.ones(3)}), "ceilings: .* found roughness"),
     "a ceiling that is a number": (ceiling(1.0), "ceiling of specular: expected a tensor, found float"),

@@ -18,16 +18,17 @@ OPTIONS = "fit.regulariser_options"
 def check_regularisers(names: Sequence[str], options: Mapping[str, Mapping[str, Any]]) -> None:
     """Raise InputError unless all ``names`` are those of regularisers, each once, and the ``options`` are theirs.
 
-    Nor may ``context`` come after ``symmetry``: it fills anew what no photograph shows.
+    Nor may ``context`` come after ``symmetry``: it fills anew what no photograph shows. ``module:Class`` has the options of Class.
     """
     if len(set(names)) < len(names):
         raise InputError(f"fit.regularise: expected each name once, found {', '.join(names)}")
-    for name in options:
-        if name not in names:
-            raise InputError(unknown("regulariser in", name, list(names), prefix=f"{OPTIONS}."))
-    for name in names:
+    keys = {name: name.rpartition(":")[2] for name in names}
+    for key in options:
+        if key not in keys.values():
+            raise InputError(unknown("regulariser in", key, [*keys.values()], prefix=f"{OPTIONS}."))
+    for name, key in keys.items():
         kind = registry.load(registry.find("regulariser", name))
-        check_arguments(kind, options.get(name, {}), f"{OPTIONS}.{name}")
+        check_arguments(kind, options.get(key, {}), f"{OPTIONS}.{key}")
     if [name for name in names if name in ("context", "symmetry")] == ["symmetry", "context"]:
         found = ", ".join(names)
         raise InputError(f"fit.regularise: expected context before symmetry, whose guesses it would overwrite, found {found}")
@@ -37,7 +38,7 @@ def regularisers_of(names: Sequence[str], options: Mapping[str, Mapping[str, Any
     """They themselves, made for one fit; those of other distributions are checked at work."""
     from ia_bench.methods.validation import checked_part  # brings in torch
 
-    found = [(registry.find("regulariser", name), options.get(name, {})) for name in names]
+    found = [(registry.find("regulariser", name), options.get(name.rpartition(":")[2], {})) for name in names]
     made = [(plugin.name, registry.create("regulariser", plugin.name, plugin.target, given)) for plugin, given in found]
     return [checked_part("regulariser", name, one) for name, one in made]
 
