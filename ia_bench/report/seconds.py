@@ -1,9 +1,9 @@
 """What a row gains over its reference after the same seconds, and which rows nobody beats in less time.
 
 Whoever compares a prior with none compares two methods of which one takes longer. A table names the rows that are its reference
-with more work (:attr:`ia_bench.runs.table.Table.curve`: more steps, more samples, a solved albedo). What the reference has after t
-seconds is the best of them so far, scene by scene and seed by seed, on a straight line in log t between two that are each better
-than all before. It is chosen by the score that is compared, which favours the reference; before its cheapest it has what that has.
+with more work (:attr:`ia_bench.runs.table.Table.curve`: more steps, more samples). What the reference has after t seconds is
+the best of them so far, scene by scene and seed by seed, on a straight line in log t between two that are each better than all
+before. It is chosen by the score that is compared, which favours the reference; before its cheapest it has what that has.
 
 Seconds are those of baking, prior and all steps, without scoring and the scene's preparation. They count as multiples of the
 reference's, its cost, for a row as a whole: mean over scenes of means over the seeds that both have.

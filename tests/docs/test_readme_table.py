@@ -5,8 +5,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 SHOWN = [
-    "none", "none, four times the steps", "nvdiffrecmc, shared mesh", "diffusion, targets", "diffusion, kernel", "parsimony",
-    "combined", "oracle",
+    "none", "none, four times the steps", "diffusion, targets", "diffusion, kernel", "parsimony", "combined", "oracle",
 ]  # fmt: skip
 
 

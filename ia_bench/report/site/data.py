@@ -48,8 +48,8 @@ MEASURES = {
 """Name of a metric -> how it is measured."""
 COSTS = {
     "gain": "Aligned albedo PSNR minus that of the row that all are compared with, on the same scenes and seeds",
-    "equal": "Aligned albedo PSNR minus the best that the row that all are compared with has after as many seconds, by more steps, "
-    "more samples or a solved albedo (part Seconds)",
+    "equal": "Aligned albedo PSNR minus the best that the row that all are compared with has after as many seconds, by more steps "
+    "or more samples (part Seconds)",
     "seconds": "Baking, prior and fit, without scoring and without the preparation of the scene (its capture, a mesh made for it), "
     "which is the same for every row: mean over scenes and seeds, on the machine that each run names (or as declared)",
     "memory": "The largest resident memory of any of the row's processes",
