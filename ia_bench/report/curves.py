@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 DASHES = ("-", (0, (5, 1.5)), (0, (5, 1, 1, 1)))  # in turn, so that rows of like colours differ; with ten colours, 30 rows
 CAPTURES = 4  # that a picture shows at most
+LEADER = {"arrowstyle": "-", "color": "0.6", "linewidth": 0.6, "shrinkA": 0, "shrinkB": 4}
+"""A thin line from a point to a name that does not stand beside it."""
 PLACES = tuple(
     ((side * 7, up), "left" if side > 0 else "right") for up in (0, 9, -9, 18, -18, 27, -27, 36, -36) for side in (1, -1)
 )
@@ -203,6 +205,8 @@ def _name_points(panel: Axes, points: dict[str, tuple[float, float]]) -> None:
                 break
         _, offset, side = min(hidden)
         text.set(position=offset, ha=side)
+        if offset[1]:
+            panel.annotate("", at, xytext=offset, textcoords="offset points", arrowprops=LEADER, in_layout=False)
         taken.append(text.get_window_extent().padded(1))
 
 
