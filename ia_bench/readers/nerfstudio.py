@@ -71,7 +71,7 @@ class NerfstudioReader(FolderReader):
                 return training, held_out
             if held_out:  # BlenderNeRF writes cameras alone
                 notes.append(f"{SPLIT[1]}: none of its {len(held_out)} photographs is there")
-            return self._held_out_of(training, SPLIT[0], notes)
+            return (training, []) if len(training) == 1 else self._held_out_of(training, SPLIT[0], notes)  # one is to be fitted
         content, frames = read_json(path), frames_of(path)
         by_name = {plain(frame.get("file_path")): (where, frame) for where, frame in frames}
         named: dict[str, list[str]] = {}

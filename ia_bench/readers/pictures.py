@@ -32,7 +32,7 @@ CLIPPED = 0.9999  # of a linear channel; 254 of 255 is .991
 def pictures_in(folder: Path) -> list[Path]:
     """The pictures in a folder, by name; suffixes may be in upper case. Raises InputError for no folder and for an empty one."""
     there = folder.iterdir() if folder.is_dir() else []
-    found = sorted(path for path in there if path.suffix.lower() in SUFFIXES and not path.name.startswith("."))  # macOS' own
+    found = sorted(path for path in there if path.suffix.lower() in SUFFIXES and path.name[0] != ".")  # not what macOS hides
     if not found:
         raise InputError(f"{folder}: expected a folder of photographs ({', '.join(SUFFIXES)}), found none")
     return found

@@ -196,6 +196,9 @@ def test_blender_nerf_writes_no_test_photographs(tmp_path: Path, folder: str) ->
     assert "transforms_train.json names no test photographs: every 8th of 3 is held out" in scene.notes
     (tmp_path / "transforms_test.json").unlink()
     assert [view.name for view in NerfstudioReader(tmp_path, every=2).read(truth=False).test] == ["train/0001", "train/0007"]
+    write_frames(tmp_path / "transforms_train.json", folder, range(1))
+    assert [view.name for view in NerfstudioReader(tmp_path).read(truth=False).train] == ["train/0001"]
+    write_frames(tmp_path / "transforms_train.json", folder, range(0, COUNT, 3))
     write_frames(tmp_path / "transforms_test.json", "test/", range(COUNT))
     save(tmp_path / "test" / "0001.png", alpha=True)
     with pytest.raises(InputError, match=r"transforms_test.json: frames\[1\]: file_path: test/0002.png: no such file"):
