@@ -114,10 +114,11 @@ class WorldImages:
         across, down = (uv[..., k, :] - uv[..., 0, :] for k in (1, 2))
         spread = torch.minimum(across.norm(dim=-1), down.norm(dim=-1)).clamp(1e-4, SEAM)[..., None].expand(slot.shape)
         base = SLOTS * (first + torch.arange(images, device=self.device))[:, None, None]
-        found = surface(uv, slot, spread, base, drawn, self._tiles)
         atlas = self._views["atlas"][view]
-        if bool((atlas >= 0).any()):
-            found = torch.where((atlas >= 0)[:, None, None, None], self._worn(atlas, uv, spread, base, drawn), found)
+        worn = atlas >= 0
+        found = torch.zeros(()) if bool(worn.all()) else surface(uv, slot, spread, base, drawn, self._tiles)
+        if bool(worn.any()):
+            found = torch.where(worn[:, None, None, None], self._worn(atlas, uv, spread, base, drawn), found)
         weight = hit.float()[..., None]
         coverage = weight.mean(-2)
         mean = (found * weight).sum(-2) / weight.sum(-2).clamp_min(1)
@@ -159,5 +160,6 @@ class WorldImages:
 
 
 def _blurred(images: Tensor) -> Tensor:
-    """Means over (2 REACH + 1)^2 pixels of (N, H, W, C)."""
-    return F.avg_pool2d(images.movedim(-1, 1), 2 * REACH + 1, 1, REACH).movedim(1, -1)
+    """Means over (2 REACH + 1)^2 pixels of (N, H, W, C), with black beyond the edges."""
+    down = F.avg_pool2d(images.movedim(-1, 1), (2 * REACH + 1, 1), 1, (REACH, 0))
+    return F.avg_pool2d(down, (1, 2 * REACH + 1), 1, (0, REACH)).movedim(1, -1)
