@@ -1,5 +1,6 @@
 import io
 import json
+import math
 import os
 import subprocess
 import sys
@@ -10,10 +11,12 @@ import torch
 from priors.tiny_network import tiny_weights
 from training.test_dataset import shard
 
+from ia_bench.priors.diffusion.encoding import encode
 from ia_bench.priors.diffusion.network import load_network
-from ia_bench_training.loop import weighted_error
+from ia_bench_training.losses import log_error, weighted_error
 from ia_bench_training.shards import ShardInfo, shard_path, write_shard
 from ia_bench_training.train import main
+from ia_bench_training.validation import aligned_psnr
 
 SMALL = ["network.size=16", "network.channels=[16,32]", "network.tokens=16", "batch=4", "warmup=2", "compile=false"]
 QUICK = ["validate_steps=1000", "validation_images=4", "validation_sampler_steps=2", "precision=float32", "threads=1"]
@@ -74,6 +77,20 @@ def test_the_loss_weighs_an_images_mean_error_apart():
         expected = (level * (32 * 0.3**2 + 64 * 0.5**2) + 96 * 0.2**2 + 0.1 * 32 * 0.7**2) / pixels
         found = weighted_error(constant + waves + outside, masks, level=level, background=0.1)
         assert float(found) == pytest.approx(expected, rel=1e-5)
+
+
+def test_the_logarithm_of_the_error_is_the_score():
+    """Of images whose errors are not small it is the score itself, whatever their levels; and black has a gradient."""
+    generator = torch.Generator().manual_seed(0)
+    masks = (torch.rand(5, 8, 8, generator=generator) > 0.3).float()
+    truth, found = (torch.rand(5, 8, 8, 3, generator=generator) * masks[..., None] for _ in range(2))
+    scored = aligned_psnr(found, truth, masks > 0.5, channels=False)
+    level = torch.tensor([0.2, 0.5, 0.7, 0.9, 1.0])[:, None, None, None]
+    encoded = [encode("albedo", linear, masks, torch.ones(5)) for linear in (level * found, truth)]
+    assert float(log_error(*encoded, masks)) == pytest.approx(float(-scored.mean() * math.log(10) / 10), abs=5e-3)
+    black = torch.full((1, 3, 8, 8), -1.0, requires_grad=True)
+    log_error(black, encoded[1][:1], masks[:1]).backward()
+    assert bool(black.grad.isfinite().all())
 
 
 def weights_of(folder):

@@ -23,6 +23,7 @@ from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.network import MaterialNetwork, load_network
 from ia_bench.priors.inputs import use_bf16
 from ia_bench_training.dataset import Batch, TrainingImages, drawn_by
+from ia_bench_training.losses import log_error, weighted_error
 from ia_bench_training.optimiser import MuonAdamW, split_weights
 from ia_bench_training.resuming import (
     batch_index,
@@ -132,7 +133,11 @@ class _Training:
         self._coming = self.ahead.submit(self._draw, number + 1)  # while the network works on this one
         with self.accelerator.autocast():
             output = self._predicted(batch, draws)
-        loss = weighted_error(output.float() - batch.target, batch.masks, level=settings.level, background=settings.background)
+        output = output.float()
+        loss = weighted_error(output - batch.target, batch.masks, level=settings.level, background=settings.background)
+        if settings.aligned:
+            of = settings.network.components.index("albedo")
+            loss = loss + settings.aligned * log_error(output.split(3, 1)[of], batch.target.split(3, 1)[of], batch.masks)
         self.accelerator.backward(loss)
         norm = self.accelerator.clip_grad_norm_(self.model.parameters(), settings.clip_gradient or math.inf)
         check_gradient(norm, self.network)
@@ -268,18 +273,3 @@ class _Training:
             "init": self._init,
             "validation": self.figures,
         }
-
-
-def weighted_error(difference: Tensor, masks: Tensor, *, level: float, background: float) -> Tensor:
-    """The mean square of ``difference`` (N, C, H, W), in which an error of the colour and one of the structure weigh differently.
-
-    Inside ``masks`` (N, H, W) each channel's mean over an image counts ``level``, the rest counts 1; pixels outside count
-    ``background``. No such weights move the minimum of a square, which is the expectation of the truth.
-    """
-    inside = (masks[:, None] > 0).float()
-    pixels = inside.sum((2, 3), keepdim=True)
-    mean = (difference * inside).sum((2, 3), keepdim=True) / pixels.clamp_min(1)
-    inner = ((difference - mean).square() * inside).sum() + level * (mean.square() * pixels).sum()
-    outer = (difference.square() * (1 - inside)).sum()
-    count = (pixels + background * (masks[0].numel() - pixels)).sum() * difference.shape[1]
-    return (inner + background * outer) / count

@@ -40,6 +40,8 @@ class TrainSettings:
         background: Weight in the loss of pixels outside the mask.
         level: Weight in the loss of an image's mean error. It is most of the error, and one image hardly tells it, because
             light and paint can share any colour.
+        aligned: Weight in the loss of the logarithm of the albedo's error as it is scored, ``log_error``.
+            For regressors alone, since samples that aim at a score lose their spread.
         precision: "bf16", "float32", or "auto", which is bf16 where the processor has it.
         compile: Whether the network is compiled for training.
         threads: Threads of the CPU; None for torch's own choice.
@@ -69,6 +71,7 @@ class TrainSettings:
     ema: UnitInterval = 0.999
     background: UnitInterval = 0.1
     level: UnitInterval = 0.25
+    aligned: NotNegative = 0.0
     precision: Literal["auto", "bf16", "float32"] = "auto"
     compile: bool = True
     threads: Number | None = None
@@ -84,6 +87,8 @@ class TrainSettings:
         steps, most = self.validation_sampler_steps, self.network.timesteps
         if self.network.kind == "diffusion" and steps > most:
             raise InputError(f"validation_sampler_steps: expected {most} or less, the timesteps of the network, found {steps}")
+        if self.aligned and (self.network.kind == "diffusion" or "albedo" not in self.network.components):
+            raise InputError(f"aligned: expected 0 but for a regressor of albedo, found {self.aligned}")
 
     def identity(self) -> str:
         """Hash of what the weights depend on; a run resumes only where it is the same. It may go on with more ``steps``."""

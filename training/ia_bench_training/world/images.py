@@ -152,7 +152,8 @@ class WorldImages:
         place = torch.stack([uv[..., 0], 1 - uv[..., 1]], -1) + 1  # in (1, 2) nothing is mirrored
         found = self._atlases.look_up(atlas.clamp_min(0)[:, None, None].expand(spread.shape), place, spread)
         first = base[..., 0].squeeze(-1)
-        own = found[..., 3:4]
+        polish = drawn["polish"][first][:, None, None, None]  # maps of roughness are matter than things are
+        own = (found[..., 3:4] + polish).clamp(0.05, 1)
         known = self._atlases.mean[atlas.clamp_min(0), 3:4][:, None, None] > 0
         rough = torch.where(known, own, (drawn["rough"] + self._tiles.mean[drawn["which"], 3])[first][:, None, None, None])
         gain = drawn["gain"][first][:, None, None].sqrt()

@@ -15,10 +15,14 @@ from torch.nn import functional as F
 from ia_bench.light.latlong import direction_to_texel, row_solid_angles, texel_centres
 from ia_bench.material.brdf import F0, dot, normalize
 from ia_bench_training.dataset import drawn_by
-from ia_bench_training.lights import CAST_SHARES, CASTS, HEIGHT, WIDTH
+from ia_bench_training.lights import HEIGHT, WIDTH
 from ia_bench_training.world.layout import DIRECTIONS, LOBES, Bank, directions
 
 SLOTS = 6  # materials of an object at most
+WARM = (0.8, 0.0, -0.8)
+WARMTHS, WARMTH_SHARES = (0.05, 0.15, 0.4), (0.4, 0.4, 0.2)
+"""Casts of lights: spreads along the axis from cool to warm, and how frequent each is. As in photographed lights their log chroma
+is .137 rms, of which nine tenths lie along that axis."""
 LOBE, SHARP = 8, 64.0  # directions of a smooth lobe, and the power of their cosine by which each counts for what is free of it
 
 
@@ -54,7 +58,7 @@ def draw_materials(dice: Dice, images: int, tiles: Bank, chances: Tensor, palett
     """Materials of ``images`` x SLOTS slots, M of them: tensors (M, ...) by name.
 
     ``chances``: of the real textures, which come first among the ``tiles``. A material is a texture as it is (``kind`` 0), its
-    pattern in another colour (1) or in two (2), or nearly plain (3), and at times has a print on it.
+    pattern in another colour (1) or in two (2), or nearly plain (3), and at times has a print on it. ``polish`` is of real meshes.
     """
     count, real = images * SLOTS, len(chances)
     which = dice.integers(real, len(tiles.mean), count)
@@ -87,6 +91,7 @@ def draw_materials(dice: Dice, images: int, tiles: Bank, chances: Tensor, palett
         "print_level": tiles.mean[printed, :3].mean(-1),
         "rough": torch.where(dice.chance(0.4, count), free, own) - mean[:, 3],
         "wear": dice.normal(0.12, count),
+        "polish": dice.normal(0.22, count) - 0.18,
         "metal": metal.float(),
     }
 
@@ -122,8 +127,11 @@ def draw_lights(dice: Dice, images: int, bank: Tensor, real: int, share: float) 
     if real and share:
         which = torch.where(dice.chance(share, count), dice.integers(0, real, count), which)
     part = dice.uniform(0.3, 0.7, images) * dice.chance(0.3, images)
-    spread = bank.new_tensor(CASTS, dtype=torch.float32)[dice.weighted(bank.new_tensor(CAST_SHARES, dtype=torch.float32), count)]
-    tint = (dice.normal(1, count, 3) * spread[:, None]).exp() * torch.stack([1 - part, part], -1).reshape(-1, 1)
+    spread = bank.new_tensor(WARMTHS, dtype=torch.float32)[
+        dice.weighted(bank.new_tensor(WARMTH_SHARES, dtype=torch.float32), count)
+    ]
+    warmth = (dice.normal(1, count) * spread)[:, None] * bank.new_tensor(WARM, dtype=torch.float32)
+    tint = (warmth + dice.normal(0.03, count, 3)).exp() * torch.stack([1 - part, part], -1).reshape(-1, 1)
     turn, picked, second, mixed = dice.integers(0, WIDTH, count).tolist(), which.tolist(), part.tolist(), []
     for image in range(images):
         total = torch.zeros((), device=bank.device)
