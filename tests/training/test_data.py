@@ -51,7 +51,7 @@ def test_finished_shards_are_kept_and_others_refused(tmp_path, monkeypatch):
 
 def arguments(folder):
     command = [sys.executable, "-m", "ia_bench_training.prior_data", f"out={folder}"]
-    return [*command, "images=264", "size=8", "workers=2", "shading=eager"]
+    return [*command, "images=264", "size=8", "workers=2", "compile=false"]
 
 
 @pytest.mark.slow

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import os
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -14,9 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.machine import cores
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, Number
+from ia_bench_training.compiler import compiles
 from ia_bench_training.pool import share_out
 from ia_bench_training.shards import SHARD_IMAGES, SHARDS, load_shard, read_info, shard_path
 
@@ -37,15 +37,15 @@ class ImageRequest:
         size: Pixels a side.
         seed: Which of the endless sets.
         workers: Processes, one thread each.
-        shading: "compiled" (torch.compile), "eager" or "auto" (compiled where a C++ compiler is found).
+        compile: Whether shading is compiled; "auto": where there is a C++ compiler.
     """
 
     out: Path
     images: Number = 20_000
     size: Annotated[int, Field(ge=8)] = 64
     seed: Count = 0
-    workers: Number = field(default_factory=lambda: len(os.sched_getaffinity(0)))
-    shading: Literal["auto", "compiled", "eager"] = "auto"
+    workers: Number = field(default_factory=cores)
+    compile: bool | Literal["auto"] = "auto"
 
 
 def make_data(request: ImageRequest, progress: Progress) -> list[Path]:
@@ -98,7 +98,7 @@ def _finished(path: Path, request: ImageRequest, first: int, count: int) -> bool
 
 def _render(request: ImageRequest, progress: Progress, shards: list[tuple[Path, int, int]], advance: Callable[[int], None]) -> None:
     """Share the shards among worker processes."""
-    compiled = choose_shading(request.shading, progress.note) == "compiled"
+    compiled = compiles(request.compile, "shading", progress.note)
     jobs = [(path, request.seed, first, count, request.size, compiled) for path, first, count in shards]
     for finished in share_out(_work, jobs, workers=request.workers):
         advance(shards[finished][2])
@@ -124,13 +124,3 @@ def _write_sheet(shard: Path, path: Path) -> None:
     tensors, info = load_shard(shard)
     step = max(1, info.count // _SHEET_IMAGES)
     contact_sheet(path, tensors, list(range(0, info.count, step))[:_SHEET_IMAGES])
-
-
-def choose_shading(wanted: str, notice: Callable[[str], None]) -> str:
-    """Resolve ``shading``: "auto" compiles where a C++ compiler is found, else says so in one line."""
-    if wanted != "auto":
-        return wanted
-    if shutil.which("g++") or shutil.which("clang++"):  # with a GPU too: shading is compiled for the CPU, where it runs
-        return "compiled"
-    notice("shading runs eagerly: no C++ compiler found for torch.compile")
-    return "eager"

@@ -22,6 +22,7 @@ from ia_bench.common.progress import Progress
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.network import MaterialNetwork, load_network
 from ia_bench.priors.inputs import use_bf16
+from ia_bench_training.compiler import compiles
 from ia_bench_training.dataset import Batch, TrainingImages, drawn_by
 from ia_bench_training.losses import log_error, weighted_error
 from ia_bench_training.optimiser import MuonAdamW, split_weights
@@ -117,7 +118,8 @@ class _Training:
         self.model, adamw = accelerator.prepare(self.network, adamw)
         self.optimizer = MuonAdamW(adamw, hidden, muon_rate=settings.muon_rate, weight_decay=settings.weight_decay)
         self.ema.to(accelerator.device)
-        self.predict = torch.compile(self.model) if settings.compile else self.model
+        compiled = compiles(settings.compile, "the network", progress.note)
+        self.predict = torch.compile(self.model) if compiled else self.model
         self.ahead = ThreadPoolExecutor(1)
         self._coming: Future[tuple[Batch, dict[str, Tensor]]] | None = None
         self._writer: Any = None  # of the main process

@@ -11,7 +11,7 @@ from ia_bench.common.progress import Progress
 from ia_bench_training.data import ImageRequest, make_data
 
 USAGE = """\
-python -m ia_bench_training.prior_data out=FOLDER [images=20000] [size=64] [seed=0] [workers=CORES] [shading=auto]
+python -m ia_bench_training.prior_data out=FOLDER [images=20000] [size=64] [seed=0] [workers=CORES] [compile=auto]
 
 Renders procedural objects under procedural lights, with albedo, specular shading, normals and sky visibility beside
 each image, into FOLDER/shard_00000.safetensors, ... (256 images each) and FOLDER/contact_sheet.png.
@@ -23,7 +23,7 @@ or repeated with more images. Held-out images: another seed.
   size     pixels a side
   seed     which of the endless sets
   workers  processes, one thread each
-  shading  compiled (several seconds once, then faster; needs a C++ compiler), eager, or auto
+  compile  true (several seconds once, then faster; needs a C++ compiler), false, or auto
 """
 
 

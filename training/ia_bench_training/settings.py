@@ -43,7 +43,7 @@ class TrainSettings:
         aligned: Weight in the loss of the logarithm of the albedo's error as it is scored, ``log_error``.
             For regressors alone, since samples that aim at a score lose their spread.
         precision: "bf16", "float32", or "auto", which is bf16 where the processor has it.
-        compile: Whether the network is compiled for training.
+        compile: Whether the network is compiled for training; "auto": where there is a C++ compiler.
         threads: Threads of the CPU; None for torch's own choice.
         seed: Seed of every draw.
         checkpoint_minutes: How often the state is kept.
@@ -73,7 +73,7 @@ class TrainSettings:
     level: UnitInterval = 0.25
     aligned: NotNegative = 0.0
     precision: Literal["auto", "bf16", "float32"] = "auto"
-    compile: bool = True
+    compile: bool | Literal["auto"] = "auto"
     threads: Number | None = None
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0  # validation multiplies it and stays within 64 bits
     checkpoint_minutes: NotNegative = 5.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +9,7 @@ from typing import Annotated
 from pydantic import Field
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.machine import cores
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, Number
@@ -33,7 +33,7 @@ class FitRequest:
     fits: Number = 2000
     size: Annotated[int, Field(ge=16, multiple_of=8)] = 64
     seed: Count = 0
-    workers: Number = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+    workers: Number = field(default_factory=cores)
 
 
 def make_fits(request: FitRequest, progress: Progress) -> list[Path]:
