@@ -1,6 +1,7 @@
 """The pictures of README and docs/gallery.md: what some rows of a table recover from a scene, beside photograph and truth.
 
-    python -m benchmarks.gallery RUNS [SCENE...] [--rows ROW...] [--light sunset] [--out docs/results/pictures]
+    python -m benchmarks.gallery RUNS [SCENE...] [--rows ROW...] [--parts PART...] [--light sunset] [--out docs/results/pictures]
+    python -m benchmarks.gallery RUNS console --rows none combined "diffusion, targets" --parts aligned relit --out docs/images
 
 RUNS is a folder that is searched for runs, of which those with seed 0 are shown. Pictures are those that the runs have kept for
 their report's page, and numbers are those of the whole run.
@@ -53,7 +54,7 @@ def found_in(runs: Path, scene: str, rows: list[str]) -> Iterator[tuple[str, Rec
         yield row, Recovered(folders[row]), bundle
 
 
-def gallery(runs: Path, scene: str, rows: list[str], light: str) -> Image.Image:
+def gallery(runs: Path, scene: str, rows: list[str], parts: list[str], light: str) -> Image.Image:
     """The picture of one scene."""
     found = list(found_in(runs, scene, rows))
     drawn = SceneRenderer(found[0][1].read_scene(whole=True))
@@ -63,7 +64,8 @@ def gallery(runs: Path, scene: str, rows: list[str], light: str) -> Image.Image:
     shown |= dict.fromkeys(("aligned", "albedo", "roughness"), shown["photograph"])
 
     heads = ["photograph", "truth", *(row.replace(" w/o", "\nw/o") for row, _, _ in found)]
-    whole = Image.new("RGB", (BESIDE + len(heads) * (SIDE + GAP), LINE + 3 * (SIDE + LINE) + SIDE // 2), "white")
+    heights = {part: SIDE // 2 if part == "light" else SIDE + LINE for part in parts}
+    whole = Image.new("RGB", (BESIDE + len(heads) * (SIDE + GAP), LINE + sum(heights.values())), "white")
     draw, font = ImageDraw.Draw(whole), ImageFont.load_default(FONT)
 
     def paste(picture: Image.Image, column: int, top: int, below: str = "") -> None:
@@ -77,13 +79,15 @@ def gallery(runs: Path, scene: str, rows: list[str], light: str) -> Image.Image:
     for column, head in enumerate(heads):
         draw.multiline_text((BESIDE + column * (SIDE + GAP), 0), head, "black", font, spacing=0)
     paste(of_truth("photograph"), 0, LINE)
-    for line, (name, (in_truth, beside, metric, text)) in enumerate(PARTS.items()):
-        top = LINE + line * (SIDE + LINE)
+    top = LINE
+    for name, height in heights.items():
+        in_truth, beside, metric, text = PARTS[name]
         draw.multiline_text((GAP, top + FONT), beside.format(light), "black", font)
         paste(of_truth(in_truth), 1, top)
         for column, (_, run, bundle) in enumerate(found, 2):
             value = run.record.score(metric)
             paste(tiles(bundle, name)[shown[name]], column, top, "" if value is None else text.format(value))
+        top += height
     return whole
 
 
@@ -93,12 +97,14 @@ def main() -> None:
     parser.add_argument("runs", type=Path)
     parser.add_argument("scenes", nargs="*", default=["hat", "ship", "console", "figurine"])
     parser.add_argument("--rows", nargs="+", default=list(ROWS))
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--light", default="sunset")
     parser.add_argument("--out", type=Path, default=Path("docs/results/pictures"))
     wanted = parser.parse_args()
     wanted.out.mkdir(parents=True, exist_ok=True)
     for scene in wanted.scenes:
-        gallery(wanted.runs, scene, wanted.rows, wanted.light).save(wanted.out / f"{scene}.webp", quality=QUALITY, method=6)
+        picture = gallery(wanted.runs, scene, wanted.rows, wanted.parts, wanted.light)
+        picture.save(wanted.out / f"{scene}.webp", quality=QUALITY, method=6)
 
 
 if __name__ == "__main__":

@@ -44,6 +44,11 @@ def cores() -> int:
     return bound if limit == "max" else max(1, min(bound, int(limit) // int(period)))
 
 
+def load() -> float:
+    """Programs that ran or waited for a core of this machine in the last minute, over its cores; this one is among them."""
+    return os.getloadavg()[0] / (os.cpu_count() or 1)
+
+
 def total_memory() -> int:
     """Memory of this machine in bytes, or of the control group that the process lives in where that is less."""
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

@@ -14,6 +14,7 @@ Columns of :class:`Runs`, empty where a run has none (None for a text, NaN for a
     <component>_<metric>    a score, also under other definitions ("albedo_linear_psnr") and of a shape ("geometry_depth")
     seconds, seconds_PHASE  what the row costs, and every phase by itself
     cpu_seconds             the same in CPU seconds of all cores
+    load                    how many programs wanted each core at that time
     declared, declared_...  "yes" where these seconds are what somebody says of results made elsewhere, and what else they say
     peak_memory_bytes, rays, network_calls
     folder                  where it lies; of a published run, the runs.csv
@@ -59,7 +60,7 @@ TEXTS = ("row", "scene", "problem", "protocol", "sees_truth", "capture", *MADE)
 WHOLE = ("seed", "photographs", "threads", "peak_memory_bytes", "rays", "network_calls")
 KEPT = ("folder", "reasons", "curve", "curve_problem", "record", "setup")  # never written
 SCORES = tuple(metric.column for metric in MEASURED)
-SPENT = ("seconds", "cpu_seconds")
+SPENT = ("seconds", "cpu_seconds", "load")
 TIMES, RESCORED = "seconds_", "rescored_from_"  # what the columns of phases, and of the run behind a new score, begin with
 DECLARED = "declared"  # what the columns begin with that hold what is said of results made elsewhere
 
@@ -157,6 +158,7 @@ def read_run(folder: Path) -> Record:
         **{f"{RESCORED}{key}": value for key, value in record.rescored_from.items()},
         "seconds": row_seconds(record.time_s),
         "cpu_seconds": record.cpu_seconds,
+        "load": record.load,
         "peak_memory_bytes": record.peak_memory_bytes,
         "rays": record.rays,
         "network_calls": record.network_calls,
@@ -164,7 +166,7 @@ def read_run(folder: Path) -> Record:
         "reasons": {**{metric.key: NOT_SCORED for metric in MEASURED if record.score(metric.key) is None}, **record.reasons},
     }
     if (said := record.declared) is not None:  # of results that were made elsewhere, whose seconds are none of this machine's
-        found |= {"seconds": said.get("seconds"), "cpu_seconds": None, "peak_memory_bytes": None, DECLARED: "yes"}
+        found |= {"seconds": said.get("seconds"), "cpu_seconds": None, "load": None, "peak_memory_bytes": None, DECLARED: "yes"}
         found |= {f"{DECLARED}_{key}": str(value) for key, value in said.items() if value not in (None, "")}
     try:
         return {**found, "curve": read_curve(folder / CURVE)}

@@ -26,6 +26,7 @@ MOST = 5
 """So many things that differ are named, with their values; of more, how many there are."""
 MADE_BY = {"preset": "presets", "threads": "numbers of threads", "commit": "commits", "cpu": "processors"}
 RECORDED = ("preset", "threads", "commit")
+BUSY = 1.25  # programs for each core, from which on they take each other's time
 """Of these, what has to be alike for numbers to compare."""
 UNKNOWN = "unknown"
 
@@ -142,8 +143,14 @@ class Findings:
             if len(counts) > 1:
                 said = _some([f"{value} ({count})" for value, count in counts.items()])
                 found.append(f"Runs of different {MADE_BY[name]} stand side by side: {said}.")
-        dirty = int(done["clean"].eq(False).sum())
-        return [*found, f"{dirty} of {len(done)} runs were made by changed code, not by that of a commit."] if dirty else found
+        for count, what in (
+            (done["clean"].eq(False).sum(), "were made by changed code, not by that of a commit"),
+            (done["preset"].eq("smoke").sum(), "are of preset=smoke, which shows that everything works, and how well nothing does"),
+            (done["load"].gt(BUSY).sum(), "ran beside so much else that their seconds are too many; no seconds are ranked"),
+        ):
+            if count:
+                found.append(f"{count} of {len(done)} runs {what}.")
+        return found
 
     @property
     def made(self) -> dict[str, dict[str, str]]:
@@ -179,9 +186,9 @@ class Findings:
 
     @property
     def seconds_compare(self) -> bool:
-        """Whether seconds rank anything: all finished runs are of one machine, with one number of threads, and measured."""
+        """Whether seconds rank anything: all finished runs are of one idle machine, with one number of threads, and measured."""
         done = finished(self.runs)
-        if "declared" in done and done["declared"].notna().any():
+        if done["load"].gt(BUSY).any() or ("declared" in done and done["declared"].notna().any()):
             return False
         return all(done[name].nunique(dropna=False) <= 1 and done[name].notna().all() for name in ("cpu", "threads"))
 

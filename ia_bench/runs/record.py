@@ -64,6 +64,8 @@ class RunRecord:
         geometry: A shape that was made for the run against the true one.
         time_s: Phase -> seconds, scoring and ``total`` included.
         cpu_seconds: What baking, prior and fit took of all cores; None on a GPU, and in records of before it was kept.
+        load: When the fit was done, the programs that wanted each core of the machine; more than 1 where they waited for each
+            other. None in records of before it was kept.
         peak_memory_bytes: Of the process.
         rays: Rays that were traced.
         network_calls: Images times evaluations of the prior's network.
@@ -103,6 +105,7 @@ class RunRecord:
     geometry: dict[str, float | None | dict[str, str]] = field(default_factory=dict)
     time_s: dict[str, float] = field(default_factory=dict)
     cpu_seconds: Annotated[float, Field(ge=0)] | None = None
+    load: Annotated[float, Field(ge=0)] | None = None
     peak_memory_bytes: Count = 0
     rays: Count = 0
     network_calls: Count = 0

@@ -14,6 +14,7 @@ import torch
 from ia_bench.capture.capture import captured
 from ia_bench.capture.capture import record as capture_record
 from ia_bench.common.errors import InputError
+from ia_bench.common.machine import load
 from ia_bench.common.progress import Progress, ProgressBar
 from ia_bench.common.registry import create
 from ia_bench.methods.contract import Method, Monitor, Problem
@@ -61,7 +62,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
     result = reconstruct(config.method.name, method, problem, seed=config.seed, monitor=record.monitor(progress))
 
     # ---- score and save --------------------------------------------------------------------------------------
-    counts, cpu_seconds = costs.counts(), costs.cpu_seconds()
+    counts, cpu_seconds, busy = costs.counts(), costs.cpu_seconds(), round(load(), 2)
     record.score("final", result.steps, sum(result.seconds.values()), lambda: result.reconstruction)
     with costs.exclude("score"):
         scores = scorer.full(result.reconstruction, progress.task)
@@ -81,6 +82,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
         "sees_truth": asked.sees_truth or method.info.sees_truth,
         "time_s": time_s,
         "cpu_seconds": cpu_seconds if config.device == "cpu" else None,
+        "load": busy,
         "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         "rays": counts.pop("rays", 0),
         "network_calls": result.counters.get("network_calls", 0),

@@ -134,6 +134,14 @@ def test_documents_are_read_at_one_sitting(document: Path) -> None:
     assert lines <= (110 if document == ROOT / "README.md" else 250), f"{name(document)}: {lines} lines"
 
 
+def test_documents_together_are_few_enough_to_read() -> None:
+    """Those of ``docs`` and ``docs/api``, without the log and the results, have at most 3500 lines."""
+    lines = sum(
+        path.read_text(encoding="utf-8").count("\n") for folder in ("docs", "docs/api") for path in (ROOT / folder).glob("*.md")
+    )
+    assert lines <= 3500, f"{lines} lines: what is added takes the place of something else"
+
+
 def test_documents_that_code_names_exist() -> None:
     """In messages, docstrings and comments: ``docs/NAME.md``, with a heading where one follows."""
     folders = ("ia_bench", "conf", "baselines", "training", "benchmarks")

@@ -24,9 +24,10 @@ def test_versions_and_licences_agree() -> None:
     assert {line.partition("==")[2] for line in ours} == {citation["version"]}
 
 
-def test_the_changelog_has_the_version() -> None:
-    newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
-    assert newest[1].rstrip(",") == DISTRIBUTIONS[0]["version"]
+def test_the_changelog_has_the_version_and_its_day() -> None:
+    newest = re.search(r"^## (\S+), (\S+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert newest.groups() == (citation["version"], str(citation["date-released"]))
 
 
 def test_the_citation_keeps_to_its_format() -> None:

@@ -1,4 +1,4 @@
-"""``make docs`` fails on an orphaned page and a word that search does not find; its page of settings is complete."""
+"""``make docs`` fails on a broken link, an orphaned page and a word that search does not find; its page of settings is complete."""
 
 import re
 import shutil
@@ -65,10 +65,12 @@ def test_a_sound_project_is_built_with_its_pictures_whole_and_the_report_linked_
 @pytest.mark.parametrize(
     ("page", "text", "said"),
     [
+        ("README.md", HEADINGS + "\n[nothing](docs/nothing.md)\n", "'docs/nothing.md'"),
+        ("README.md", HEADINGS + "\n[nowhere](#nowhere)\n", "'#nowhere'"),
         ("docs/orphan.md", "# Nobody links here\n", "docs/orphan.md"),
         ("README.md", HEADINGS.replace("GPU", "card"), "found none with gpu"),
     ],
-    ids=["orphaned page", "word that search does not find"],
+    ids=["broken link", "broken anchor", "orphaned page", "word that search does not find"],
 )
 def test_a_mistake_fails_the_build(root: Path, page: str, text: str, said: str) -> None:
     write(root / page, text)

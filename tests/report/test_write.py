@@ -245,6 +245,7 @@ def test_presets_threads_commits_and_changed_code_that_mix_stand_first(write_run
         "Runs of different numbers of threads stand side by side: 1 (2), 2 (1).",
         "Runs of different commits stand side by side: abc (2), def+changes (1).",
         "1 of 3 runs were made by changed code, not by that of a commit.",
+        "1 of 3 runs are of preset=smoke, which shows that everything works, and how well nothing does.",
     ]
     assert found.origins == [("2", "quick", "1", "abc", "Abacus 2", "ours"), ("1", "smoke", "2", "def+changes", "Abacus 2", "fast")]
     text = (tmp_path / "out" / "report.md").read_text()
@@ -294,6 +295,10 @@ def test_runs_that_were_made_alike_are_compared_by_their_seconds_too() -> None:
     assert [(one[0], one[-1]) for one in found.origins] == [("4", "all")]
     assert not analyse(Collection(runs.assign(cpu=["a", "a", "a", "b"]))).seconds_compare
     assert not analyse(Collection(runs.assign(threads=None))).seconds_compare, "what nobody knows compares with nothing"
+    assert analyse(Collection(runs.assign(load=1.1))).seconds_compare
+    busy = analyse(Collection(runs.assign(load=[1.1, 1.1, 1.1, 2.0])))
+    assert not busy.seconds_compare
+    assert busy.warnings == ["1 of 4 runs ran beside so much else that their seconds are too many; no seconds are ranked."]
 
 
 def test_a_row_whose_runs_differ_in_a_setting_is_named(write_run: Write) -> None:
