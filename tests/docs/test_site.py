@@ -82,16 +82,17 @@ def test_a_mistake_fails_the_build(root: Path, page: str, text: str, said: str) 
 @pytest.mark.skipif(not BUILT.is_dir(), reason="`make docs` has built no site here")
 @pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "dark")])
 def test_no_page_is_wider_than_the_window(browser: Any, width: int, scheme: str) -> None:
-    """Those with the widest tables and code: each scrolls by itself. Nothing is asked of a network, and no console complains."""
+    """Wide tables and code scroll by themselves. Nothing is asked of a network, and no console complains."""
     context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
     opened, wrong = context.new_page(), []
     opened.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
     opened.on("request", lambda request: wrong.append(request.url) if request.url.startswith("http") else None)
-    for page in ("index", "docs/settings", "docs/value", "docs/results/report", "docs/results/page/index", "datasets/index"):
-        opened.goto((BUILT / f"{page}.html").as_uri(), timeout=0)
+    pages = sorted(BUILT.rglob("*.html"))
+    for page in pages:
+        opened.goto(page.as_uri(), timeout=0)
         wrong += [page] if opened.evaluate("document.documentElement.scrollWidth") > width else []
     context.close()
-    assert wrong == []
+    assert (wrong, len(pages) > 50) == ([], True)
 
 
 def test_every_page_of_the_log_is_reached_from_its_first() -> None:
