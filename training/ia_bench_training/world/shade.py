@@ -20,9 +20,9 @@ from ia_bench_training.world.layout import DIRECTIONS, LOBES, Bank, directions
 
 SLOTS = 6  # materials of an object at most
 WARM = (0.8, 0.0, -0.8)
-WARMTHS, WARMTH_SHARES = (0.05, 0.15, 0.4), (0.4, 0.4, 0.2)
-"""Casts of lights: spreads along the axis from cool to warm, and how frequent each is. As in photographed lights their log chroma
-is .137 rms, of which nine tenths lie along that axis."""
+WARMTHS, WARMTH_SHARES = (0.05, 0.2, 0.6), (0.4, 0.3, 0.3)
+"""Casts of lights: spreads along the axis from cool to warm, on which nine tenths of those of photographed lights lie, and how
+frequent each is; the widest is for lamps and sunsets, which photographs of lights hold too seldom."""
 LOBE, SHARP = 8, 64.0  # directions of a smooth lobe, and the power of their cosine by which each counts for what is free of it
 
 
