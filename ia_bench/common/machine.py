@@ -44,9 +44,12 @@ def cores() -> int:
     return bound if limit == "max" else max(1, min(bound, int(limit) // int(period)))
 
 
-def load() -> float:
-    """Programs that ran or waited for a core of this machine in the last minute, over its cores; this one is among them."""
-    return os.getloadavg()[0] / (os.cpu_count() or 1)
+def load() -> float | None:
+    """Programs that ran or waited in the last minute, this one among them, for each core; None where the system does not tell."""
+    try:
+        return round(os.getloadavg()[0] / (os.cpu_count() or 1), 2)
+    except OSError:
+        return None
 
 
 def total_memory() -> int:

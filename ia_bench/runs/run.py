@@ -62,7 +62,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
     result = reconstruct(config.method.name, method, problem, seed=config.seed, monitor=record.monitor(progress))
 
     # ---- score and save --------------------------------------------------------------------------------------
-    counts, cpu_seconds, busy = costs.counts(), costs.cpu_seconds(), round(load(), 2)
+    counts, cpu_seconds, busy = costs.counts(), costs.cpu_seconds(), load()
     record.score("final", result.steps, sum(result.seconds.values()), lambda: result.reconstruction)
     with costs.exclude("score"):
         scores = scorer.full(result.reconstruction, progress.task)
