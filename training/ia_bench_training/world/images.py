@@ -116,7 +116,7 @@ class WorldImages:
         base = SLOTS * (first + torch.arange(images, device=self.device))[:, None, None]
         atlas = self._views["atlas"][view]
         worn = atlas >= 0
-        found = torch.zeros(()) if bool(worn.all()) else surface(uv, slot, spread, base, drawn, self._tiles)
+        found = spread.new_zeros(()) if bool(worn.all()) else surface(uv, slot, spread, base, drawn, self._tiles)
         if bool(worn.any()):
             found = torch.where(worn[:, None, None, None], self._worn(atlas, uv, spread, base, drawn), found)
         weight = hit.float()[..., None]

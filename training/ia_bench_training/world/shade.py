@@ -127,10 +127,8 @@ def draw_lights(dice: Dice, images: int, bank: Tensor, real: int, share: float) 
     if real and share:
         which = torch.where(dice.chance(share, count), dice.integers(0, real, count), which)
     part = dice.uniform(0.3, 0.7, images) * dice.chance(0.3, images)
-    spread = bank.new_tensor(WARMTHS, dtype=torch.float32)[
-        dice.weighted(bank.new_tensor(WARMTH_SHARES, dtype=torch.float32), count)
-    ]
-    warmth = (dice.normal(1, count) * spread)[:, None] * bank.new_tensor(WARM, dtype=torch.float32)
+    spreads, shares, axis = (bank.new_tensor(each, dtype=torch.float32) for each in (WARMTHS, WARMTH_SHARES, WARM))
+    warmth = (dice.normal(1, count) * spreads[dice.weighted(shares, count)])[:, None] * axis
     tint = (warmth + dice.normal(0.03, count, 3)).exp() * torch.stack([1 - part, part], -1).reshape(-1, 1)
     turn, picked, second, mixed = dice.integers(0, WIDTH, count).tolist(), which.tolist(), part.tolist(), []
     for image in range(images):
