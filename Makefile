@@ -113,7 +113,7 @@ prior: setup ## train a prior on real and procedural things, after real-data; re
 	$(PY) -m ia_bench_training.world.held_out out=$(TRAIN)/held_out
 	$(PY) -m ia_bench_training.train data=$(TRAIN)/world validation=$(TRAIN)/held_out out=$(TRAIN)/$(NETWORK) \
 		network.kind=$(NETWORK) init=ia_bench/priors/weights/$(NETWORK) rate=3e-4 muon_rate=0.01 steps=3000 warmup=100 ema=0.998 \
-		$(if $(findstring regressor,$(NETWORK)),aligned=0.01) level=0.05 augmentation.cast=0.05 augmentation.permute=0.03 \
+		$(if $(findstring regressor,$(NETWORK)),log_error=0.01) level=0.05 augmentation.cast=0.05 augmentation.permute=0.03 \
 		'scenes=[tiny]' validation_images=92 threads=1 $(ARGS)
 
 # Blender as a module pins an older numpy, hence an environment of its own.

@@ -16,7 +16,7 @@ from ia_bench.priors.diffusion.network import load_network
 from ia_bench_training.losses import log_error, weighted_error
 from ia_bench_training.shards import ShardInfo, shard_path, write_shard
 from ia_bench_training.train import main
-from ia_bench_training.validation import aligned_psnr
+from ia_bench_training.validation import aligned_psnr, psnr
 
 SMALL = ["network.size=16", "network.channels=[16,32]", "network.tokens=16", "batch=4", "warmup=2", "compile=false"]
 QUICK = ["validate_steps=1000", "validation_images=4", "validation_sampler_steps=2", "precision=float32", "threads=1"]
@@ -87,9 +87,12 @@ def test_the_logarithm_of_the_error_is_the_score():
     scored = aligned_psnr(found, truth, masks > 0.5, channels=False)
     level = torch.tensor([0.2, 0.5, 0.7, 0.9, 1.0])[:, None, None, None]
     encoded = [encode("albedo", linear, masks, torch.ones(5)) for linear in (level * found, truth)]
-    assert float(log_error(*encoded, masks)) == pytest.approx(float(-scored.mean() * math.log(10) / 10), abs=5e-3)
+    assert float(log_error(*encoded, masks, aligned=True)) == pytest.approx(float(-scored.mean() * math.log(10) / 10), abs=5e-3)
+    encoded[0] = encode("specular", found, masks, torch.ones(5))
+    unscaled = psnr(found, truth, masks > 0.5)
+    assert float(log_error(*encoded, masks, aligned=False)) == pytest.approx(float(-unscaled.mean() * math.log(10) / 10), abs=5e-3)
     black = torch.full((1, 3, 8, 8), -1.0, requires_grad=True)
-    log_error(black, encoded[1][:1], masks[:1]).backward()
+    log_error(black, encoded[1][:1], masks[:1], aligned=True).backward()
     assert bool(black.grad.isfinite().all())
 
 

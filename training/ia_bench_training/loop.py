@@ -137,9 +137,10 @@ class _Training:
             output = self._predicted(batch, draws)
         output = output.float()
         loss = weighted_error(output - batch.target, batch.masks, level=settings.level, background=settings.background)
-        if settings.aligned:
-            of = settings.network.components.index("albedo")
-            loss = loss + settings.aligned * log_error(output.split(3, 1)[of], batch.target.split(3, 1)[of], batch.masks)
+        if settings.log_error:
+            parts = zip(settings.network.components, output.split(3, 1), batch.target.split(3, 1), strict=True)
+            errors = [log_error(found, true, batch.masks, aligned=component == "albedo") for component, found, true in parts]
+            loss = loss + settings.log_error * torch.stack(errors).sum()
         self.accelerator.backward(loss)
         norm = self.accelerator.clip_grad_norm_(self.model.parameters(), settings.clip_gradient or math.inf)
         check_gradient(norm, self.network)

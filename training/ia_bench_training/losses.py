@@ -26,19 +26,21 @@ def weighted_error(difference: Tensor, masks: Tensor, *, level: float, backgroun
     return (inner + background * outer) / count
 
 
-def log_error(predicted: Tensor, target: Tensor, masks: Tensor) -> Tensor:
-    """The mean over images of log(e + FAINTEST), e the mean squared error of linear albedo, aligned by one factor an image.
+def log_error(predicted: Tensor, target: Tensor, masks: Tensor, *, aligned: bool) -> Tensor:
+    """The mean over images of log(e + FAINTEST), e the mean squared error of a linear component.
 
-    PSNR is -10 log10 e: an image that is easy counts as much as one that is not, and a level that no image tells counts nothing.
+    PSNR is -10 log10 e: an image that is easy counts as much as one that is not.
 
     Args:
         predicted: (N, 3, H, W), encoded.
         target: (N, 3, H, W), encoded.
         masks: (N, H, W), coverage; pixels of more than one half count.
+        aligned: Whether a prediction is first scaled to the mean of its truth, so that a level which no image tells counts nothing.
     """
     inside = (masks > 0.5)[:, None].float()
     found, true = (srgb_to_linear((0.5 + 0.5 * each).clamp(0, 1)) * inside for each in (predicted, target))
-    means = [each.sum((1, 2, 3), keepdim=True) for each in (found, true)]
-    scale = (means[1] / means[0].clamp_min(1e-3)).clamp(1 / MAX_SCALE, MAX_SCALE)
-    error = (scale * found - true).square().sum((1, 2, 3)) / (3 * inside.sum((1, 2, 3))).clamp_min(1)
+    if aligned:
+        means = [each.sum((1, 2, 3), keepdim=True) for each in (found, true)]
+        found = (means[1] / means[0].clamp_min(1e-3)).clamp(1 / MAX_SCALE, MAX_SCALE) * found
+    error = (found - true).square().sum((1, 2, 3)) / (3 * inside.sum((1, 2, 3))).clamp_min(1)
     return torch.log(error + FAINTEST).mean()

@@ -40,7 +40,7 @@ class TrainSettings:
         background: Weight in the loss of pixels outside the mask.
         level: Weight in the loss of an image's mean error. It is most of the error, and one image hardly tells it, because
             light and paint can share any colour.
-        aligned: Weight in the loss of the logarithm of the albedo's error as it is scored, ``log_error``.
+        log_error: Weight in the loss of the logarithm of each component's error as it is scored, albedo after one factor.
             For regressors alone, since samples that aim at a score lose their spread.
         precision: "bf16", "float32", or "auto", which is bf16 where the processor has it.
         compile: Whether the network is compiled for training; "auto": where there is a C++ compiler.
@@ -71,7 +71,7 @@ class TrainSettings:
     ema: UnitInterval = 0.999
     background: UnitInterval = 0.1
     level: UnitInterval = 0.25
-    aligned: NotNegative = 0.0
+    log_error: NotNegative = 0.0
     precision: Literal["auto", "bf16", "float32"] = "auto"
     compile: bool | Literal["auto"] = "auto"
     threads: Number | None = None
@@ -87,8 +87,8 @@ class TrainSettings:
         steps, most = self.validation_sampler_steps, self.network.timesteps
         if self.network.kind == "diffusion" and steps > most:
             raise InputError(f"validation_sampler_steps: expected {most} or less, the timesteps of the network, found {steps}")
-        if self.aligned and (self.network.kind == "diffusion" or "albedo" not in self.network.components):
-            raise InputError(f"aligned: expected 0 but for a regressor of albedo, found {self.aligned}")
+        if self.log_error and self.network.kind == "diffusion":
+            raise InputError(f"log_error: expected 0 but for a regressor, found {self.log_error}")
 
     def identity(self) -> str:
         """Hash of what the weights depend on; a run resumes only where it is the same. It may go on with more ``steps``."""
