@@ -22,25 +22,23 @@ from benchmarks.work_precision.precision import time_in_turns
 from ia_bench.light.latlong import SampledLight
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.rays import EmbreeRays, WarpRays
-from ia_bench.render.renderer import Renderer, TracedShadows
+from ia_bench.render.renderer import Renderer
 
 PIXELS, SAMPLES, VIEWS, SIZE = 4096, 32, 20, 128  # as in gradient_step.py
 WARM_UP = 2
 CASES = ("one by one", "packets", "Warp")
 
 
-class Recorded:
-    """Traced shadows that keep what they were asked: origins (N, 3), directions (N, K, 3), and which (N, K)."""
+class Recorded(Renderer):
+    """A renderer that keeps what its shadows were asked: origins (N, 3), directions (N, K, 3), and which (N, K)."""
 
-    def __init__(self, shadows: TracedShadows, offset: float) -> None:
-        self._shadows, self._offset = shadows, offset
-        self.asked: tuple[Tensor, Tensor, Tensor] | None = None
-        self.onto_object: tuple[Tensor, Tensor] | None = None
+    asked: tuple[Tensor, Tensor, Tensor] | None = None
+    onto_object: tuple[Tensor, Tensor] | None = None
 
     def blocked(self, points: SurfacePoints, direction: Tensor, asked: Tensor) -> Tensor:
-        """See :class:`ia_bench.render.renderer.Visibility`."""
-        blocked = self._shadows.blocked(points, direction, asked)
-        origin = points.position + self._offset * points.geometric
+        """See :meth:`ia_bench.render.renderer.Renderer.blocked`."""
+        blocked = super().blocked(points, direction, asked)
+        origin = self.surface.lifted(points)
         self.asked = origin, direction.clone(), asked.clone()
         by_brdf = blocked.clone()
         by_brdf[:, : direction.shape[1] // 2] = False
@@ -50,12 +48,11 @@ class Recorded:
 
 def rays_of_a_step(stage: TrueScene) -> Recorded:
     """All that a step asks of the mesh."""
-    surface = stage.geometry.surface
-    recorded = Recorded(TracedShadows(stage.geometry.rays, surface.offset), surface.offset)
+    recorded = Recorded(stage.geometry.surface, stage.geometry.rays)
     gbuffer, generator = stage.gbuffer(stage.cameras(VIEWS, SIZE)), torch.Generator().manual_seed(0)
     pixels = torch.randint(len(gbuffer.pixel), (PIXELS,), generator=generator)
     light = SampledLight.of(stage.light, uniform_fraction=0.2)
-    Renderer(surface, recorded).render_pixels(gbuffer, pixels, stage.material, light, SAMPLES, generator)
+    recorded.render_pixels(gbuffer, pixels, stage.material, light, SAMPLES, generator)
     return recorded
 
 

@@ -30,11 +30,10 @@ from ia_bench.material.brdf import (
 )
 from ia_bench.material.textures import Material
 from ia_bench.render import indirect as interreflections
-from ia_bench.render.estimator import FromObject, Shaded, lattice
+from ia_bench.render.estimator import FromObject, PixelRadiance, lattice
 from ia_bench.render.gbuffer import GBuffer, SurfacePoints
 from ia_bench.render.indirect import IndirectLight, Interreflection
-from ia_bench.render.renderer import BrdfRayCache, PixelRadiance, Renderer, samples_taken
-from ia_bench.render.turns import Bounced
+from ia_bench.render.renderer import Renderer, samples_taken
 from ia_bench.scenes.scene import Mesh
 
 LEAST_PDF = 1e-12
@@ -248,13 +247,13 @@ def shade(
     coat: str,
     of_object: FromObject | None,
     shade_directions: Callable[..., tuple[Tensor, Tensor, Tensor]] = shade_directions,
-) -> Shaded:
+) -> PixelRadiance:
     """As :func:`ia_bench.render.estimator.shade_samples`, of directions (N, K, 3), texels (N, K) and weights (N, K, 1)."""
     diffuse, specular, albedo = shade_directions(
         surface.normal, surface.view, surface.uv, direction, texel, weight, material.albedo, material.roughness,
         radiance.reshape(-1, 3), material.metallic,
     )  # fmt: skip
-    from_object = torch.zeros_like(specular)
+    from_object = None
     if of_object is not None:
         reflected = albedo if material.metallic is None else albedo * (1 - fetch(material.metallic, surface.uv))
         arriving = fetch_atlas(of_object.arriving, of_object.atlas, surface.uv) * surface.front
@@ -263,18 +262,18 @@ def shade(
         from_object = mirrored(surface, by_brdf, material, of_object.leaving, of_object.seen)
     if coat == "layered":
         diffuse = diffuse * passed_by_coat(fetch(material.roughness, surface.uv), dot(surface.normal, surface.view))
-    return Shaded(diffuse, specular, from_object, albedo)
+    return PixelRadiance(diffuse, specular, albedo, from_object)
 
 
 # ---------------------------------------------------------------- the renderer
 def solve(bounced: Interreflection, albedo: Tensor, radiance: Tensor) -> IndirectLight:
     """As :meth:`ia_bench.render.indirect.Interreflection.solve`."""
-    direct = bounced._sky.apply(interreflections._cells(radiance))
-    reflectance = fetch(albedo, bounced._uv) / math.pi
+    direct = bounced.sky.apply(interreflections._cells(radiance))
+    reflectance = fetch(albedo, bounced.uv) / math.pi
     indirect = torch.zeros_like(direct)
     for _ in range(bounced.bounces):
-        indirect = bounced._exchange.apply(reflectance * (direct + indirect))
-    return IndirectLight(indirect, reflectance * (direct + indirect))
+        indirect = bounced.exchange.apply(reflectance * (direct + indirect))
+    return IndirectLight(bounced, indirect, reflectance * (direct + indirect))
 
 
 def can_compile() -> bool:
@@ -289,16 +288,16 @@ class TorchRenderer(Renderer):
     """
 
     def __init__(self, renderer: Renderer, *, compiled: bool = False) -> None:
-        super().__init__(renderer.surface, renderer.visibility, interreflection=renderer.interreflection, coat=renderer.coat)
+        super().__init__(renderer.surface, renderer.rays, interreflection=renderer.interreflection, coat=renderer.coat)
         if self.interreflection is not None and self.interreflection.control is not None:
             raise ValueError("expected a renderer without a control variate, which torch has no counterpart of here")
         self._sample, self._shade = sample_directions, shade_directions
         if compiled:
             self._sample, self._shade = (torch.compile(f, dynamic=False) for f in (sample_directions, shade_directions))
 
-    def _bounce(self, gbuffer: GBuffer, material: Material, light: SampledLight, most: int | None = None) -> Bounced | None:
+    def _bounce(self, gbuffer: GBuffer, material: Material, light: SampledLight, most: int | None = None) -> IndirectLight | None:
         own = self.interreflection
-        return None if own is None else Bounced(solve(own, material.albedo, light.radiance), len(own.atlas.place))
+        return None if own is None else solve(own, material.albedo, light.radiance)
 
     def _render(
         self,
@@ -306,14 +305,13 @@ class TorchRenderer(Renderer):
         pixels: Tensor,
         material: Material,
         light: SampledLight,
-        indirect: Bounced | None,
+        indirect: IndirectLight | None,
         samples: int,
         rotation: Tensor,
         part: int = 0,
         parts: int = 1,
-        ray_cache: BrdfRayCache | None = None,
     ) -> PixelRadiance:
-        """As the kernels do, but for ``ray_cache``: every ray is traced again."""
+        """As the kernels do, but for its ``ray_cache``: every ray is traced again."""
         points = gbuffer.subsamples
         count = samples_taken(samples, points) // (2 * points)
         with torch.no_grad():
@@ -323,16 +321,11 @@ class TorchRenderer(Renderer):
             by_light, by_brdf = (lattice(start, points, count, part, parts).reshape(-1, count, 3) for start in rotation)
             roughness = fetch(material.roughness.detach(), surface.uv)
             direction, texel, weight = self._sample(surface.normal, surface.view, roughness, by_light, by_brdf, light.sampler)
-            blocked = self.visibility.blocked(surface, direction, (weight[..., 0] > 0) & (face >= 0)[:, None])
+            blocked = self.blocked(surface, direction, (weight[..., 0] > 0) & (face >= 0)[:, None])
             of_object = None
             if indirect is not None:
-                assert self.interreflection is not None
-                seen = self.interreflection.seen(surface, direction[:, count:], blocked[:, count:])
-        if indirect is not None:
-            assert self.interreflection is not None
-            of_object = indirect.seen_by(None, seen, self.interreflection.atlas.row)
+                of_object = indirect.seen_by(None, indirect.baked.seen(surface, direction[:, count:], blocked[:, count:]))
         weight = weight * ~blocked[..., None]
         shaded = shade(surface, direction, texel, weight, material, light.radiance, self.coat, of_object, self._shade)
         pool = (face >= 0).reshape(-1, points, 1) / points
-        diffuse, specular, from_object, albedo = ((values.reshape(-1, points, 3) * pool).sum(1) for values in shaded)
-        return PixelRadiance(diffuse, specular, albedo, None if of_object is None else from_object)
+        return shaded.each(lambda values: (values.reshape(-1, points, 3) * pool).sum(1))

@@ -6,7 +6,7 @@ Everything here goes the way of ``ia-bench run``: settings have the same names, 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -24,8 +24,8 @@ from ia_bench.common.files import user_path
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.registry import process_state_kept
+from ia_bench.common.settings import flat
 from ia_bench.light.environment import LatLongEnvironment
-from ia_bench.readers.pictures import read_light
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.report.collect import CellKey, collect
@@ -36,7 +36,7 @@ from ia_bench.runs.identity import from_anywhere
 from ia_bench.runs.recovered import Recovered
 from ia_bench.runs.relighting import Background, draw, frames_of
 from ia_bench.runs.scene import read_scene
-from ia_bench.scenes.exr import read_exr
+from ia_bench.scenes.exr import read_exr, read_light
 from ia_bench.scenes.scene import Camera, Scene
 from ia_bench.scores.metrics import METRICS
 from ia_bench.scores.scorer import Scorer
@@ -136,8 +136,7 @@ class Fit(Recovered):
     @cached_property
     def _textured(self) -> TexturedReconstruction:
         """What was recovered, for the reference renderer, where the run was made. Raises InputError where it has no textures."""
-        on_gpu = self.config.device == "cuda" and torch.cuda.is_available()
-        return self.reconstruction(Stage(self.scene.expect_mesh(), torch.device("cuda" if on_gpu else "cpu")))
+        return self.reconstruction(Stage(self.scene.expect_mesh(), self.device))
 
     def render(self, camera: Camera, light: Light | None = None, *, samples: int = 64) -> np.ndarray:
         """Linear radiance (H, W, 3) that a camera sees, premultiplied by coverage, by the reference renderer.
@@ -265,10 +264,6 @@ def table(runs: Sequence[Fit | str | Path]) -> pd.DataFrame:
     return collect(folders).runs.reindex(columns=list(SHOWN)).dropna(axis=1, how="all")
 
 
-def _overrides(settings: Mapping[str, Any], above: str = "") -> Iterator[str]:
+def _overrides(settings: Mapping[str, Any]) -> list[str]:
     """Settings as on the command line; those of a table are dotted."""
-    for name, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from _overrides(value, f"{above}{name}.")
-        else:
-            yield f"{above}{name}={written(value, above + name)}"
+    return [f"{name}={written(value, name)}" for name, value in flat(settings).items() if not isinstance(value, Mapping)]

@@ -8,7 +8,6 @@ from ia_bench.common.warp_launch import launch
 from ia_bench.common.warp_math import unit
 from ia_bench.light.latlong import LatLongSampler, sampling_grid
 from ia_bench.light.warp_latlong import DIRECTIONS, SAMPLING, Tables, tables_of
-from ia_bench.light.warp_latlong import direction_to_texel as direction_to_texel_of
 from ia_bench.material.textures import fetch
 from ia_bench.material.warp_brdf import BRDF
 from ia_bench.render.estimator import DirectionSamples
@@ -17,120 +16,103 @@ from ia_bench.render.gbuffer import SurfacePoints
 CPU = torch.device("cpu")
 
 
-@wp.func_native(MATH + DIRECTIONS + "return normal_bin(Vec(normal[0], normal[1], normal[2]));")
-def _bin(normal: wp.vec3) -> int: ...
+def _kernel_of(code: str) -> wp.Kernel:
+    """A kernel that runs native ``code`` for vectors a, b and c, numbers u (float64), and whole numbers i and j, of every item."""
+
+    @wp.func_native(MATH + DIRECTIONS + SAMPLING + BRDF + code)
+    def run(tables: Tables, a: wp.vec3, b: wp.vec3, c: wp.vec3, u: wp.vec3d, i: int, j: int) -> wp.vec4: ...
+
+    @wp.kernel(enable_backward=False)
+    def kernel(
+        first: int, tables: Tables, a: wp.array(dtype=wp.vec3), b: wp.array(dtype=wp.vec3), c: wp.array(dtype=wp.vec3),
+        u: wp.array(dtype=wp.vec3d), i: wp.array(dtype=int), j: wp.array(dtype=int), found: wp.array(dtype=wp.vec4),
+    ):  # fmt: skip
+        n = first + wp.tid()
+        found[n] = run(tables, a[n], b[n], c[n], u[n], i[n], j[n])
+
+    return kernel
 
 
-@wp.kernel(enable_backward=False)
-def _bins(first: int, normals: wp.array(dtype=wp.vec3), cells: wp.array(dtype=int)):
-    n = first + wp.tid()
-    cells[n] = _bin(normals[n])
-
-
-@wp.func_native(MATH + SAMPLING + "return sample_texel(cell, u);")
-def _texel(tables: Tables, cell: int, u: wp.float64) -> int: ...
-
-
-@wp.kernel(enable_backward=False)
-def _texels(first: int, tables: Tables, cells: wp.array(dtype=int), u: wp.array(dtype=wp.float64), texels: wp.array(dtype=int)):
-    n = first + wp.tid()
-    texels[n] = _texel(tables, cells[n], u[n])
-
-
-@wp.func_native(MATH + SAMPLING + "return density(cell, texel);")
-def _density(tables: Tables, cell: int, texel: int) -> float: ...
-
-
-@wp.kernel(enable_backward=False)
-def _densities(first: int, tables: Tables, cells: wp.array(dtype=int), texels: wp.array(dtype=int), found: wp.array(dtype=float)):
-    n = first + wp.tid()
-    found[n] = _density(tables, cells[n], texels[n])
-
-
-@wp.func_native(
-    MATH + DIRECTIONS + "const Vec d = texel_to_direction(texel, u[0], u[1], heights.data, width); return wp::vec3(d.x, d.y, d.z);"
+_POINT = "const Seen point = seen_point(Vec(a[0], a[1], a[2]), Vec(b[0], b[1], b[2]), (float)(u[0] * u[0]));"
+_VECTOR = "return wp::vec4(found.x, found.y, found.z, 0.0f);"
+_BIN = _kernel_of("return wp::vec4((float)normal_bin(Vec(a[0], a[1], a[2])));")
+_TEXEL = _kernel_of("return wp::vec4((float)sample_texel(i, u[0]));")
+_DENSITY = _kernel_of("return wp::vec4(density(i, j));")
+_TO_DIRECTION = _kernel_of(
+    f"const Vec found = texel_to_direction(j, (float)u[0], (float)u[1], tables.heights.data, tables.width); {_VECTOR}"
 )
-def _to_direction(texel: int, u: wp.vec2, heights: wp.array(dtype=wp.float32), width: int) -> wp.vec3: ...
-
-
-@wp.kernel(enable_backward=False)
-def _to_directions(
-    first: int, texels: wp.array(dtype=int), u: wp.array(dtype=wp.vec2), heights: wp.array(dtype=wp.float32), width: int,
-    found: wp.array(dtype=wp.vec3),
-):  # fmt: skip
-    n = first + wp.tid()
-    found[n] = _to_direction(texels[n], u[n], heights, width)
-
-
-@wp.kernel(enable_backward=False)
-def _to_texels(first: int, directions: wp.array(dtype=wp.vec3), height: int, width: int, found: wp.array(dtype=int)):
-    n = first + wp.tid()
-    found[n] = direction_to_texel_of(directions[n], height, width)
-
-
-_POINT = """
-    const Seen point = seen_point(Vec(normal[0], normal[1], normal[2]), Vec(view[0], view[1], view[2]), roughness * roughness);
-"""
-
-
-@wp.func_native(MATH + BRDF + _POINT + "const Vec d = sample_visible_ggx(point, u[0], u[1]); return wp::vec3(d.x, d.y, d.z);")
-def _visible_one(normal: wp.vec3, view: wp.vec3, roughness: float, u: wp.vec2) -> wp.vec3: ...
-
-
-@wp.kernel(enable_backward=False)
-def _visible(
-    first: int, normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3), roughness: wp.array(dtype=float),
-    u: wp.array(dtype=wp.vec2), found: wp.array(dtype=wp.vec3),
-):  # fmt: skip
-    n = first + wp.tid()
-    found[n] = _visible_one(normals[n], views[n], roughness[n], u[n])
-
-
-_LOBE = """
-    const Vec direction(incident[0], incident[1], incident[2]);
+_TO_TEXEL = _kernel_of("return wp::vec4((float)direction_to_texel(Vec(a[0], a[1], a[2]), tables.height, tables.width));")
+_VISIBLE = _kernel_of(f"{_POINT} const Vec found = sample_visible_ggx(point, (float)u[1], (float)u[2]); {_VECTOR}")
+_LOBE = _kernel_of(f"""{_POINT}
+    const Vec direction(c[0], c[1], c[2]);
     const Lobe lobe = lobe_towards(point, direction, point.normal.dot(direction));
-    return wp::vec4(lobe.value, lobe.slope, lobe.grazing, lobe.pdf);
-"""
+    return wp::vec4(lobe.value, lobe.slope, lobe.grazing, lobe.pdf);""")
+_AXIS = _kernel_of(f"{_POINT} const Vec found = i ? point.bitangent : point.tangent; {_VECTOR}")
 
 
-@wp.func_native(MATH + BRDF + _POINT + _LOBE)
-def _lobe(normal: wp.vec3, view: wp.vec3, roughness: float, incident: wp.vec3) -> wp.vec4: ...
+def _call(kernel: wp.Kernel, shape: torch.Size, tables: "Tables | None" = None, **given: torch.Tensor) -> torch.Tensor:
+    """The four numbers (..., 4) that a kernel finds for every entry of ``shape``, of what is ``given``, which broadcasts."""
+    kinds = {name: ((3,), torch.float32) for name in "abc"} | {"u": ((3,), torch.float64)} | dict.fromkeys("ij", ((), torch.int32))
+    inputs = []
+    for name, (last, dtype) in kinds.items():
+        values = given.get(name, torch.zeros(last)).to(dtype)
+        if last:
+            values = torch.nn.functional.pad(values, (0, 3 - values.shape[-1]))
+        inputs.append(values.expand((*shape, *last)).reshape(-1, *last).contiguous())
+    found = torch.empty(shape.numel(), 4)
+    launch(kernel, len(found), tables or Tables(), *inputs, found, device=CPU)
+    return found.reshape(*shape, 4)
 
 
-@wp.kernel(enable_backward=False)
-def _lobes(
-    first: int, normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3), incidents: wp.array(dtype=wp.vec3),
-    roughness: wp.array(dtype=float), found: wp.array(dtype=wp.vec4),
-):  # fmt: skip
-    n = first + wp.tid()
-    found[n] = _lobe(normals[n], views[n], roughness[n], incidents[n])
+def _map_of(height: int, width: int) -> Tables:
+    """What kernels know of a map by its size alone."""
+    tables = Tables()
+    tables.height, tables.width = height, width
+    tables.heights = wp.from_torch(sampling_grid(height, width, CPU).heights)
+    return tables
 
 
-_FRAME = """
-    const Vec axis = second ? point.bitangent : point.tangent;
-    return wp::vec3(axis.x, axis.y, axis.z);
-"""
+def normal_bin(normal: torch.Tensor) -> torch.Tensor:
+    """The cell (...,) of each unit normal (..., 3)."""
+    return _call(_BIN, normal.shape[:-1], a=normal)[..., 0].long()
 
 
-@wp.func_native(MATH + BRDF + _POINT + _FRAME)
-def _axis(normal: wp.vec3, view: wp.vec3, roughness: float, second: int) -> wp.vec3: ...
+def sample_texel(sampler: LatLongSampler, cell: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+    """Texels drawn by float64 ``u`` (...,) for cells that broadcast."""
+    return _call(_TEXEL, u.shape, tables_of(sampler), i=cell, u=u[..., None])[..., 0].long()
 
 
-@wp.kernel(enable_backward=False)
-def _frames(first: int, normals: wp.array(dtype=wp.vec3), found: wp.array2d(dtype=wp.vec3)):
-    n = first + wp.tid()
-    found[n, 0] = _axis(normals[n], normals[n], 0.5, 0)
-    found[n, 1] = _axis(normals[n], normals[n], 0.5, 1)
+def density(sampler: LatLongSampler, cell: torch.Tensor, texel: torch.Tensor) -> torch.Tensor:
+    """Density per steradian of texels for cells; both broadcast."""
+    return _call(_DENSITY, torch.broadcast_shapes(cell.shape, texel.shape), tables_of(sampler), i=cell, j=texel)[..., 0]
 
 
-@wp.func_native(MATH + "const Vec around = turned(turns); return wp::vec2(around.x, around.y);")
-def _turned_by(turns: float) -> wp.vec2: ...
+def texel_to_direction(texel: torch.Tensor, u: torch.Tensor, v: torch.Tensor, height: int, width: int) -> torch.Tensor:
+    """Directions (..., 3) at ``u``, ``v`` in [0, 1) of texels."""
+    return _call(_TO_DIRECTION, texel.shape, _map_of(height, width), j=texel, u=torch.stack([u, v], -1))[..., :3]
 
 
-@wp.kernel(enable_backward=False)
-def _turned(first: int, turns: wp.array(dtype=float), found: wp.array(dtype=wp.vec2)):
-    n = first + wp.tid()
-    found[n] = _turned_by(turns[n])
+def direction_to_texel(direction: torch.Tensor, height: int, width: int) -> torch.Tensor:
+    """The texel (...,) of unit directions (..., 3)."""
+    return _call(_TO_TEXEL, direction.shape[:-1], _map_of(height, width), a=direction)[..., 0].long()
+
+
+def sample_visible_ggx(normal: torch.Tensor, view: torch.Tensor, roughness: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+    """As :func:`ia_bench.material.brdf.sample_visible_ggx`."""
+    shape = torch.broadcast_shapes(normal.shape, view.shape, (*u.shape[:-1], 3))[:-1]
+    numbers = torch.cat([part.expand(*shape, part.shape[-1]) for part in (roughness, u)], -1)
+    return _call(_VISIBLE, shape, a=normal, b=view, u=numbers)[..., :3]
+
+
+def lobe(normal: torch.Tensor, view: torch.Tensor, incident: torch.Tensor, roughness: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """The four numbers of :class:`ia_bench.material.warp_brdf.Lobe`, each (..., 1): value, slope, grazing part and density."""
+    shape = torch.broadcast_shapes(normal.shape, view.shape, incident.shape)[:-1]
+    return _call(_LOBE, shape, a=normal, b=view, c=incident, u=roughness).split(1, -1)
+
+
+def tangent_frame(normal: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """Tangent and bitangent of normals (N, 3)."""
+    return tuple(_call(_AXIS, normal.shape[:-1], a=normal, b=normal, i=torch.tensor(second))[..., :3] for second in (0, 1))
 
 
 @wp.kernel(enable_backward=False)
@@ -139,79 +121,11 @@ def _units(first: int, vectors: wp.array(dtype=wp.vec3), found: wp.array(dtype=w
     found[n] = unit(vectors[n])
 
 
-def _call(kernel: wp.Kernel, shape: torch.Size, width: int, *arguments: object) -> torch.Tensor:
-    """What a kernel finds for every entry of ``shape``: ``width`` numbers, or an integer for 0."""
-    count = shape.numel()
-    found = torch.empty(count, dtype=torch.int32) if width == 0 else torch.empty(count, width)
-    launch(kernel, count, *arguments, found.reshape(-1) if width == 1 else found, device=CPU)
-    return found.long().reshape(shape) if width == 0 else found.reshape(*shape, *([width] if width > 1 else []))
-
-
-def _flat(values: torch.Tensor, shape: torch.Size, *last: int, dtype: torch.dtype = torch.float32) -> torch.Tensor:
-    return values.to(dtype).expand(*shape, *last).reshape(-1, *last).contiguous()
-
-
-def normal_bin(normal: torch.Tensor) -> torch.Tensor:
-    """The cell (...,) of each unit normal (..., 3)."""
-    shape = normal.shape[:-1]
-    return _call(_bins, shape, 0, _flat(normal, shape, 3))
-
-
-def sample_texel(sampler: LatLongSampler, cell: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-    """Texels drawn by float64 ``u`` (...,) for cells that broadcast."""
-    cells = _flat(cell, u.shape, dtype=torch.int32)
-    return _call(_texels, u.shape, 0, tables_of(sampler), cells, _flat(u, u.shape, dtype=torch.float64))
-
-
-def density(sampler: LatLongSampler, cell: torch.Tensor, texel: torch.Tensor) -> torch.Tensor:
-    """Density per steradian of texels for cells; both broadcast."""
-    shape = torch.broadcast_shapes(cell.shape, texel.shape)
-    cells, texels = (_flat(values, shape, dtype=torch.int32) for values in (cell, texel))
-    return _call(_densities, shape, 1, tables_of(sampler), cells, texels)
-
-
-def texel_to_direction(texel: torch.Tensor, u: torch.Tensor, v: torch.Tensor, height: int, width: int) -> torch.Tensor:
-    """Directions (..., 3) at ``u``, ``v`` in [0, 1) of texels."""
-    inside = torch.stack([u, v], -1).float().reshape(-1, 2).contiguous()
-    heights = sampling_grid(height, width, CPU).heights
-    return _call(_to_directions, texel.shape, 3, _flat(texel, texel.shape, dtype=torch.int32), inside, heights, width)
-
-
-def direction_to_texel(direction: torch.Tensor, height: int, width: int) -> torch.Tensor:
-    """The texel (...,) of unit directions (..., 3)."""
-    shape = direction.shape[:-1]
-    return _call(_to_texels, shape, 0, _flat(direction, shape, 3), height, width)
-
-
-def sample_visible_ggx(normal: torch.Tensor, view: torch.Tensor, roughness: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-    """As :func:`ia_bench.material.brdf.sample_visible_ggx`."""
-    shape = torch.broadcast_shapes(normal.shape, view.shape, (*u.shape[:-1], 3))[:-1]
-    points = _flat(normal, shape, 3), _flat(view, shape, 3), _flat(roughness[..., 0], shape)
-    return _call(_visible, shape, 3, *points, _flat(u, shape, 2))
-
-
-def lobe(normal: torch.Tensor, view: torch.Tensor, incident: torch.Tensor, roughness: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """The four numbers of :class:`ia_bench.material.warp_brdf.Lobe`, each (..., 1): value, slope, grazing part and density."""
-    shape = torch.broadcast_shapes(normal.shape, view.shape, incident.shape)[:-1]
-    vectors = (_flat(vector, shape, 3) for vector in (normal, view, incident))
-    return _call(_lobes, shape, 4, *vectors, _flat(roughness[..., 0], shape)).split(1, -1)
-
-
-def tangent_frame(normal: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Tangent and bitangent of normals (N, 3)."""
-    found = torch.empty(len(normal), 2, 3)
-    launch(_frames, len(normal), normal.contiguous(), found, device=CPU)
-    return found[:, 0], found[:, 1]
-
-
-def turn(turns: torch.Tensor) -> torch.Tensor:
-    """Cosine and sine of 2 pi ``turns`` (N,): (N, 2)."""
-    return _call(_turned, turns.shape, 2, turns.contiguous())
-
-
 def normalize(vectors: torch.Tensor) -> torch.Tensor:
     """Unit vectors of (N, 3)."""
-    return _call(_units, vectors.shape[:-1], 3, vectors.contiguous())
+    found = torch.empty_like(vectors)
+    launch(_units, len(vectors), vectors.contiguous(), found, device=CPU)
+    return found
 
 
 def samples_of(

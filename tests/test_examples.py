@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from test_walks import stated
 
-from ia_bench.checks.stack import painted_ball
+from ia_bench.checks.painted_ball import painted_ball, shown
 from ia_bench.scenes.exr import read_exr
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -96,9 +96,9 @@ def test_example_is_nearer_to_the_truth_than_the_image(monkeypatch: pytest.Monke
     from grey_world_prior import GreyWorldPrior
 
     stack = painted_ball(48, 64, 3)
-    albedo = GreyWorldPrior().sample(stack.shown(), seed=0).values["albedo"]
+    albedo = GreyWorldPrior().sample(shown(stack), seed=0).values["albedo"]
     inside = stack.masks > 0.5
-    truth = stack.truth("albedo")[inside]
+    truth = stack.truth["albedo"][inside]
 
     def error(guess: np.ndarray) -> float:
         """Squared error after one common scale has made the means equal."""

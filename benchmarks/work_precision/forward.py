@@ -23,7 +23,7 @@ from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Renderer, TracedShadows
+from ia_bench.render.renderer import Renderer
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 
 SAMPLES = (8, 16, 32, 64, 128, 256, 512)
@@ -68,7 +68,6 @@ class ForwardStage:
         self.light = SampledLight.of(light.latlong(min(MAX_LIGHT_ROWS, len(light.texels))))
         device = torch.device("cpu")
         self.surface, self.rays = SurfaceInterpolator(scene.expect_mesh(), device), make_rays(scene.expect_mesh(), device)
-        self.visibility = TracedShadows(self.rays, self.surface.offset)
         self.gbuffer: GBuffer = trace_gbuffer([self.camera], self.rays, SIDE, device)
         self.inside = (self.gbuffer.coverage()[0] == 1).numpy()  # edges depend on the pixel filter
 
@@ -102,7 +101,7 @@ class ForwardStage:
         direction, texel, weight = technique_directions(
             way.technique, surface.normal, surface.view, roughness, unit, self.light.sampler
         )
-        blocked = self.visibility.blocked(surface, direction, (weight[..., 0] > 0) & hit[:, None])
+        blocked = Renderer(self.surface, self.rays).blocked(surface, direction, (weight[..., 0] > 0) & hit[:, None])
         diffuse, specular, _ = shade_directions(
             surface.normal,
             surface.view,
@@ -120,7 +119,7 @@ class ForwardStage:
 def measure(scene: str, *, threads: int, quick: bool) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Rows of forward.csv, and the summary: floors, slopes, whether Mitsuba took part."""
     stage = ForwardStage(scene)
-    renderer = Renderer(stage.surface, stage.visibility)
+    renderer = Renderer(stage.surface, stage.rays)
     counts = SAMPLES[:2] if quick else SAMPLES
     parts = 4 if quick else REFERENCE_PARTS
     reference_samples = 64 if quick else REFERENCE_SAMPLES

@@ -25,12 +25,11 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     ``note`` is told what takes time; ``begin`` shows how far work of minutes is. Raises
     InputError for what the scene cannot give.
     """
-    train = scene.train
     if settings.views != "all":
         from ia_bench.capture.faults import spread_over_directions  # only here, as what follows: they bring in scipy and trimesh
 
-        train = spread_over_directions(train, settings.views)
-    scene = at_one_exposure(replace(scene, train=tuple(train)), note)
+        scene = replace(scene, train=spread_over_directions(scene.train, settings.views))
+    scene = at_one_exposure(scene, note)
     train = scene.train
     if settings.tolerated >= len(train) and (settings.consistency or settings.geometry in MADE):
         raise InputError(f"capture.tolerated={settings.tolerated}: expected fewer than the {len(train)} photographs that are taken")

@@ -52,7 +52,7 @@ def mistaken_masks(views: Sequence[View], faults: FaultSettings) -> list[np.ndar
 
     Where nobody knows whether the object is seen, that stays so. Raises InputError where nothing is left of a mask.
     """
-    chosen = _chosen(views, faults.wrong_masks, faults, WRONG, "wrong_masks")
+    chosen = _chosen(views, faults, "wrong_masks", WRONG)
     masks = []
     for place, view in enumerate(views):
         mask, pixels = view.mask, faults.mask_growth + faults.mask_jitter * _random(faults, GROWTH, view).uniform(-1, 1)
@@ -73,7 +73,7 @@ def mistaken_masks(views: Sequence[View], faults: FaultSettings) -> list[np.ndar
 # ---------------------------------------------------------------- focus
 def blurred(views: Sequence[View], faults: FaultSettings) -> list[View]:
     """The views, some of them through a Gaussian of ``faults.blur`` pixels: picture and coverage."""
-    chosen = _chosen(views, faults.blurred_views, faults, BLURRED, "blurred_views")
+    chosen = _chosen(views, faults, "blurred_views", BLURRED)
 
     def through(view: View) -> View:
         image, mask = (gaussian_filter(part, faults.blur, axes=(0, 1)) for part in (view.image, view.mask))
@@ -87,8 +87,9 @@ def _random(faults: FaultSettings, purpose: int, view: View) -> np.random.Genera
     return np.random.default_rng(derive_seed(faults.seed, purpose, view.name))
 
 
-def _chosen(views: Sequence[View], count: int, faults: FaultSettings, purpose: int, setting: str) -> set[int]:
-    """Places of the ``count`` views with the lowest draws."""
+def _chosen(views: Sequence[View], faults: FaultSettings, setting: str, purpose: int) -> set[int]:
+    """Places of as many views as ``setting`` says: those with the lowest draws."""
+    count = getattr(faults, setting)
     if count > len(views):
         raise InputError(f"capture.faults.{setting}={count}: expected at most {len(views)}, the views that are taken")
     draws = [_random(faults, purpose, view).random() for view in views]

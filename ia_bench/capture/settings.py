@@ -145,10 +145,8 @@ def _changed(settings: Settings, plain: Settings, part: str = "") -> dict[str, o
     found: dict[str, object] = {}
     for one in fields(settings):
         value, usual = getattr(settings, one.name), getattr(plain, one.name)
-        if isinstance(value, FaultSettings):
-            found |= _changed(value, usual)
-        elif isinstance(value, SdfSettings):
-            found |= _changed(value, usual, "sdf ")
+        if isinstance(value, FaultSettings | SdfSettings):
+            found |= _changed(value, usual, "sdf " if isinstance(value, SdfSettings) else "")
         elif value != usual:
             found[part + one.name] = value
     return found

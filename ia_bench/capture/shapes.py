@@ -7,9 +7,8 @@ shorter than a half say nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,7 @@ from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, user_path
 from ia_bench.common.progress import Begin, unseen
+from ia_bench.common.registry import process_state_kept
 from ia_bench.geometry.consistency import MovingPhotographs
 from ia_bench.geometry.grid import mesh_of, smoothed
 from ia_bench.geometry.hull import visual_hull
@@ -28,7 +28,6 @@ from ia_bench.scenes.photograph import read_stored
 from ia_bench.scenes.scene import Mesh, Scene, View
 
 VERSION = 1  # of how a mesh is made: those that another one made are not taken from the cache
-MESH_ARRAYS = ("vertices", "faces", "normals", "uv")
 CAMERAS = "cameras"  # of the training views, where they have moved
 SETTING = "capture.sdf.normals"
 SUFFIXES = ".png", ".exr", ".npy"
@@ -65,7 +64,7 @@ def with_geometry(
     else:
         seen = replace(scene, mesh=None).blind()  # nothing that is made may know the truth
         made = Cache().kept(_key(seen, settings, normals), lambda: _made(seen, settings, note, normals, begin))
-        mesh = Mesh(*(made[part].numpy() for part in MESH_ARRAYS))
+        mesh = Mesh(*(made[part.name].numpy() for part in fields(Mesh)))
         if CAMERAS in made:
             poses = zip(scene.train, made[CAMERAS].numpy(), strict=True)
             train = tuple(replace(view, camera=replace(view.camera, to_world=pose)) for view, pose in poses)
@@ -82,28 +81,18 @@ def _made(
     note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {cells} cells a side")
     moving = MovingPhotographs(scene.train) if from_images and sdf.align else None
     known = {"exposures_differ": scene.exposures_differ, "normals": normals, "photographs": moving}
-    with _to_the_bit():
+    with process_state_kept():
+        torch.set_deterministic_debug_mode("error")  # whatever a run asks for: textures fit the one mesh that they were made on
         if from_images:
             options = {"tolerated": settings.tolerated, "seed": sdf.seed, "begin": begin}
             grid = surface_from_images(scene.train, cells, sdf.steps, **known, **options)  # type: ignore[arg-type]
         else:
             grid = visual_hull(scene.train, cells, settings.tolerated)
         mesh = mesh_of(grid, settings.triangles)
-    made = {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in MESH_ARRAYS}
+    made = {name: torch.from_numpy(np.ascontiguousarray(part)) for name, part in vars(mesh).items()}
     if moving is not None:
         made[CAMERAS] = torch.from_numpy(np.stack([camera.to_world for camera in moving.cameras(scene.train)]))
     return made
-
-
-@contextmanager
-def _to_the_bit() -> Iterator[None]:
-    """Torch with deterministic algorithms alone, whatever a run asks of it: textures fit the one mesh that they were made on."""
-    before = torch.get_deterministic_debug_mode()
-    torch.set_deterministic_debug_mode("error")
-    try:
-        yield
-    finally:
-        torch.set_deterministic_debug_mode(before)
 
 
 def _key(scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray]) -> str:

@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.nn.modules.module import register_module_forward_pre_hook
 
 from ia_bench.checks.finding import Finding, guarded, judge, other_chance, told
-from ia_bench.checks.stack import Stack, painted_ball
+from ia_bench.checks.painted_ball import painted_ball, shown
 from ia_bench.common.errors import InputError
 from ia_bench.common.registry import process_state_kept
 from ia_bench.priors.contract import COMPONENTS, Observations, Prior, Samples
@@ -32,24 +32,24 @@ GEOMETRY = frozenset({"normals", "visibility", "view_count"})
 Images = Mapping[str, Tensor]
 
 
-def check_prior(make: Callable[[], Any], stack: Stack) -> Iterator[Finding]:
+def check_prior(make: Callable[[], Any], known: Observations) -> Iterator[Finding]:
     """Check the prior that ``make()`` returns (called several times, so that instances can be compared).
 
-    ``stack`` holds at least three views. Later rules need the earlier ones: where the members or the plain sample fail,
-    the list ends with a line that says so. Never raises for what the prior does.
+    ``known``: at least three images, with their truth and geometry. Later rules need the earlier ones: where the members or
+    the plain sample fail, the list ends with a line that says so. Never raises for what the prior does.
     """
     with process_state_kept():
         torch.use_deterministic_algorithms(not torch.cuda.is_available())  # as a run asks for where nothing is on CUDA
         try:
             prior = make()
             check_prior_info(prior)
-            subject = Subject(make, prior, stack)
+            subject = Subject(make, prior, known)
         except (Exception, SystemExit) as error:
             yield Finding("fail", "construction", "a prior with info and sample()", told(error))
             return
         sets = {name: sorted(value) if isinstance(value, frozenset) else value for name, value in vars(prior.info).items()}
         yield Finding("pass", "info", "", ", ".join(f"{name} {value}" for name, value in sets.items()))
-        for title, rule in RULES:
+        for title, rule in RULES.items():
             findings = list(guarded(title, "no exception", partial(rule, subject)))
             yield from findings
             failed = any(finding.status == "fail" for finding in findings)
@@ -61,30 +61,31 @@ def check_prior(make: Callable[[], Any], stack: Stack) -> Iterator[Finding]:
 class Subject:
     """The prior under test, and how to ask it: copies of the inputs, other global random states, what it cost."""
 
-    def __init__(self, make: Callable[[], Any], prior: Any, stack: Stack) -> None:  # noqa: ANN401 (it may offer more than a Prior)
-        self.make, self.prior, self.stack = make, prior, stack
+    def __init__(self, make: Callable[[], Any], prior: Any, known: Observations) -> None:  # noqa: ANN401 (may be more than a Prior)
+        self.make, self.prior, self.known = make, prior, known
         self.info, self.components = prior.info, sorted(prior.info.provides)
         self.modified: set[str] = set()
         self.network_calls = self.forwards = self._asked = 0  # as it counts them, as they are, and how often it was asked
 
-    def ask(
-        self, asked: Stack | Observations, *, seed: int = 0, guidance: Images | None = None, prior: Prior | None = None
-    ) -> Samples:
-        """One sample of the prior under test, or of another instance of it, which sees no geometry of a stack."""
-        shown = asked.shown(self.info.wants - GEOMETRY) if isinstance(asked, Stack) else asked
-        return self.watched((prior or self.prior).sample, shown, guidance=guidance, seed=seed)
+    def ask(self, known: Observations, *, prior: Prior | None = None, seed: int = 0, guidance: Images | None = None) -> Samples:
+        """One sample of the prior under test, or of another instance of it, which is shown no geometry."""
+        return self.watched((prior or self.prior).sample, known, GEOMETRY, guidance=guidance, seed=seed)
 
-    def watched(self, call: Callable[..., Samples], shown: Observations, **given: Any) -> Samples:  # noqa: ANN401 (as the call)
-        """What ``call`` returns; remembers which of its inputs it wrote to, and what it cost."""
-        tables = {"true": shown.truth, **{what: value for what, value in given.items() if isinstance(value, Mapping)}}
+    def watched(self, call: Callable[..., Samples], known: Observations, hidden: frozenset[str], **given: Any) -> Samples:  # noqa: ANN401
+        """What ``call`` returns, shown all that the prior wants but what is ``hidden``.
+
+        Remembers which of its inputs the call wrote to, and what it cost.
+        """
+        seen = shown(known, self.info.wants - hidden)
+        tables = {"true": seen.truth, **{what: value for what, value in given.items() if isinstance(value, Mapping)}}
         given |= {what: dict(value) for what, value in given.items() if isinstance(value, Mapping)}
-        inputs = {name: value for name, value in vars(shown).items() if isinstance(value, Tensor)}
+        inputs = {name: value for name, value in vars(seen).items() if isinstance(value, Tensor)}
         inputs |= {f"{what} {name}": value for what, table in tables.items() for name, value in (table or {}).items()}
         kept = {name: value.clone() for name, value in inputs.items()}
         self._asked += 1
         counted = register_module_forward_pre_hook(lambda module, inputs: setattr(self, "forwards", self.forwards + 1))
         with counted, other_chance(self._asked):
-            samples = call(shown, **given)
+            samples = call(seen, **given)
         self.modified |= {n for n, v in inputs.items() if not torch.equal(v.nan_to_num(), kept[n].nan_to_num())}
         for name, value in kept.items():  # so that one wrong write fails no later rule
             inputs[name].copy_(value)
@@ -96,23 +97,23 @@ class Subject:
 
     @cached_property
     def base(self) -> Samples:
-        """The unguided sample of the stack for seed 0."""
-        return self.ask(self.stack)
+        """The unguided sample for seed 0."""
+        return self.ask(self.known)
 
 
 # ---- one sample ------------------------------------------------------------------------------------------------------
 
 
-def _sound(subject: Subject, samples: Samples, stack: Stack) -> Iterator[Finding]:
+def _sound(subject: Subject, samples: Samples, known: Observations) -> Iterator[Finding]:
     """Whether ``samples`` may pass the border that they meet in a run, and hold what images can hold."""
     expected = f"{', '.join(subject.components) or 'nothing'}: finite float32 tensors on the CPU, without gradient"
     try:
-        checked(type(subject.prior).__qualname__, "sample", samples, subject.info.provides, tuple(stack.images.shape))
+        checked(type(subject.prior).__qualname__, "sample", samples, subject.info.provides, tuple(known.images.shape))
     except InputError as error:
         yield Finding("fail", "samples", expected, str(error))
         return
     yield Finding("pass", "samples", expected, "")
-    outside = stack.masks == 0
+    outside = known.masks == 0
     for name, sample in sorted(samples.values.items()):
         low, high = float(sample.min()), float(sample.max())
         within = low >= -ALBEDO_TOLERANCE and high <= 1 + ALBEDO_TOLERANCE if name == "albedo" else low >= 0
@@ -125,20 +126,26 @@ def _sound(subject: Subject, samples: Samples, stack: Stack) -> Iterator[Finding
             yield judge(share <= 1 + CEILING_TOLERANCE, f"{name}: ceiling", "no value above it", f"at most {share:.4g} of it")
 
 
-def _judge_sound(subject: Subject, what: str, samples: Samples, stack: Stack) -> Finding:
+def _judge_sound(subject: Subject, what: str, samples: Samples, known: Observations) -> Finding:
     """One finding of everything that :func:`_sound` asks."""
-    wrong = [f"{one.what}: {one.found}" for one in _sound(subject, samples, stack) if one.status == "fail"]
+    wrong = [f"{one.what}: {one.found}" for one in _sound(subject, samples, known) if one.status == "fail"]
     return judge(not wrong, what, "what a run accepts, in range, zero where the mask is", "; ".join(wrong))
 
 
 def _other_images(subject: Subject) -> Iterator[Finding]:
-    odd = painted_ball(*ODD, len(subject.stack.images))
-    for what, stack in (
-        (f"{ODD[0]} x {ODD[1]} images", odd),
-        ("all-black images", subject.stack.black()),
-        ("a view with an empty mask", subject.stack.with_empty_view()),
-    ):
-        yield _judge_sound(subject, what, subject.ask(stack), stack)
+    known = subject.known
+    others = {
+        f"{ODD[0]} x {ODD[1]} images": painted_ball(*ODD, len(known.images)),
+        "all-black images": replace(known, images=0 * known.images, truth={**(known.truth or {}), "specular": 0 * known.images}),
+        "a view with an empty mask": _with_empty_view(known),
+    }
+    for what, other in others.items():
+        yield _judge_sound(subject, what, subject.ask(other), other)
+
+
+def _with_empty_view(known: Observations) -> Observations:
+    """The first view sees nothing: its mask and all its pictures are zero."""
+    return known.each(lambda tensor: torch.cat([0 * tensor[:1], tensor[1:]]))
 
 
 # ---- repeatability ---------------------------------------------------------------------------------------------------
@@ -146,11 +153,11 @@ def _other_images(subject: Subject) -> Iterator[Finding]:
 
 def _repeatable(subject: Subject) -> Iterator[Finding]:
     base, stochastic = subject.base, subject.info.stochastic
-    largest = _difference(base, subject.ask(subject.stack, seed=1))
+    largest = _difference(base, subject.ask(subject.known, seed=1))
     expected = f"{'another' if stochastic else 'the same'} sample, because stochastic = {stochastic}"
     yield judge((largest > 0) == stochastic, "another seed", expected, f"a difference of up to {largest:.3g}")
-    yield _same("same seed again", base, subject.ask(subject.stack))
-    yield _same("same seed, new instance", base, subject.ask(subject.stack, prior=subject.make()))
+    yield _same("same seed again", base, subject.ask(subject.known))
+    yield _same("same seed, new instance", base, subject.ask(subject.known, prior=subject.make()))
 
 
 def _independent(subject: Subject) -> Iterator[Finding]:
@@ -158,7 +165,7 @@ def _independent(subject: Subject) -> Iterator[Finding]:
     if subject.info.sees_truth:
         yield Finding("skip", what, "", "a prior that sees truth is asked about a scene, and may draw for all of its views")
         return
-    alone = [subject.ask(subject.stack.one(view)) for view in range(len(subject.stack.images))]
+    alone = [subject.ask(subject.known.select([view])) for view in range(len(subject.known.images))]
     yield _beside_others(what, {name: torch.cat([one.values[name] for one in alone]) for name in subject.components}, subject.base)
 
 
@@ -180,78 +187,76 @@ def _difference(base: Samples, again: Samples) -> float:
 # ---- guidance, and what a prior may offer besides ----------------------------------------------------------------------
 
 
-def _fitted(stack: Stack, names: Iterable[str] = COMPONENTS) -> dict[str, Tensor]:
-    """What a fit might render of a stack, which is no sample: the truth, darker and flatter."""
-    return {name: 0.7 * stack.truth(name) + 0.1 * stack.masks[..., None] for name in names}
+def _fitted(known: Observations, names: Iterable[str] = COMPONENTS) -> dict[str, Tensor]:
+    """What a fit might render, which is no sample: the truth, darker and flatter."""
+    return {name: 0.7 * true + 0.1 * known.masks[..., None] for name, true in (known.truth or {}).items() if name in names}
 
 
 def _guided(subject: Subject) -> Iterator[Finding]:
     if not subject.info.guidable:
         yield Finding("skip", "guidance", "", "the prior is not guidable, so it is never given any")
         return
-    stack, base = subject.stack, subject.base
-    render = _fitted(stack, subject.components)
-    guided = subject.ask(stack, guidance=render)
+    known, base = subject.known, subject.base
+    render = _fitted(known, subject.components)
+    guided = subject.ask(known, guidance=render)
     for name in subject.components:
         before, after = (float((samples.values[name] - render[name]).abs().mean()) for samples in (base, guided))
         nearer = after < before or (after == before and not subject.info.stochastic)  # which has but one sample to choose from
         found = f"mean distance {before:.4g} unguided, {after:.4g} guided"
         yield judge(nearer, f"guided {name}", "nearer to the render, or as near if not stochastic", found)
-    yield _judge_sound(subject, "guided sample", guided, stack)
-    yield _same("guidance = None afterwards", base, subject.ask(stack))
+    yield _judge_sound(subject, "guided sample", guided, known)
+    yield _same("guidance = None afterwards", base, subject.ask(known))
     if not hasattr(subject.prior, "guidance_strength"):
         yield Finding("skip", "guidance of strength 0", "", "the prior has no guidance_strength")
         return
     weak = subject.make()
     weak.guidance_strength = 0.0
-    yield _same("guidance of strength 0", base, subject.ask(stack, guidance=render, prior=weak))
+    yield _same("guidance of strength 0", base, subject.ask(known, guidance=render, prior=weak))
 
 
 def _distilled(subject: Subject) -> Iterator[Finding]:
-    if hasattr(subject.prior, "distill"):
-        given = {"renders": _fitted(subject.stack, subject.components), "seed": 0}
-
-        def distilled() -> Samples:
-            return subject.watched(subject.prior.distill, subject.stack.shown(subject.info.wants - GEOMETRY), **given)
-
-        finding = _judge_sound(subject, "distilled estimates", estimates := distilled(), subject.stack)
-        yield finding
-        if finding.status == "pass":
-            yield _same("distilled again", estimates, distilled())
+    if not hasattr(subject.prior, "distill"):
+        return
+    given = {"renders": _fitted(subject.known, subject.components), "seed": 0}
+    distilled = partial(subject.watched, subject.prior.distill, subject.known, GEOMETRY, **given)
+    finding = _judge_sound(subject, "distilled estimates", estimates := distilled(), subject.known)
+    yield finding
+    if finding.status == "pass":
+        yield _same("distilled again", estimates, distilled())
 
 
 def _refined(subject: Subject) -> Iterator[Finding]:
     if not hasattr(subject.prior, "refine"):
         return
 
-    def refined(stack: Stack) -> Samples:
+    def refined(known: Observations) -> Samples:
         """What the prior corrects of a finished fit, of which nothing else is known: half rough, a little off, matt."""
-        masks = stack.masks[..., None]
-        more = {"radiance": 0.9 * stack.images, "roughness": 0.5 * masks, "evidence": 0.1 * masks.expand(-1, -1, -1, 2).clone()}
-        return subject.watched(subject.prior.refine, stack.shown(subject.info.wants), renders={**_fitted(stack), **more})
+        masks = known.masks[..., None]
+        more = {"radiance": 0.9 * known.images, "roughness": 0.5 * masks, "evidence": 0.1 * masks.expand(-1, -1, -1, 2).clone()}
+        return subject.watched(subject.prior.refine, known, frozenset(), renders={**_fitted(known), **more})
 
-    stack = subject.stack
-    corrected = refined(stack)
+    corrected = refined(subject.known)
     what, expected = "a corrected fit", "a finite albedo, and roughness if any, zero where the mask is"
     try:
-        checked(type(subject.prior).__qualname__, "refine", corrected, None, tuple(stack.images.shape))
+        checked(type(subject.prior).__qualname__, "refine", corrected, None, tuple(subject.known.images.shape))
     except InputError as error:
         yield Finding("fail", what, expected, str(error))
         return
-    outside = max(float(maps[stack.masks == 0].abs().max()) for maps in corrected.values.values())
+    outside = max(float(maps[subject.known.masks == 0].abs().max()) for maps in corrected.values.values())
     yield judge(outside <= 1e-6, what, expected, f"at most {outside:.3g} outside")
-    yield _same("corrected again", corrected, refined(stack))
-    yield _beside_others("one corrected on its own", refined(stack.one(0)).values, corrected)
-    refined(stack.with_empty_view())
+    yield _same("corrected again", corrected, refined(subject.known))
+    yield _beside_others("one corrected on its own", refined(subject.known.select([0])).values, corrected)
+    refined(_with_empty_view(subject.known))
 
 
 def _with_geometry(subject: Subject) -> Iterator[Finding]:
-    if not subject.info.wants.isdisjoint(GEOMETRY):
-        shown = subject.stack.shown(subject.info.wants)
-        samples = subject.ask(shown)
-        yield _judge_sound(subject, "a sample with geometry", samples, subject.stack)
-        subject.ask(shown.select([1]))  # which brings other geometry
-        yield _same("the same geometry again", samples, subject.ask(shown))
+    if subject.info.wants.isdisjoint(GEOMETRY):
+        return
+    sampled = partial(subject.watched, subject.prior.sample, hidden=frozenset(), guidance=None, seed=0)
+    samples = sampled(subject.known)
+    yield _judge_sound(subject, "a sample with geometry", samples, subject.known)
+    sampled(subject.known.select([1]))  # which brings other geometry
+    yield _same("the same geometry again", samples, sampled(subject.known))
 
 
 def _kept(subject: Subject) -> Iterator[Finding]:
@@ -265,15 +270,15 @@ def _kept(subject: Subject) -> Iterator[Finding]:
         yield judge(calls > 0, "cost: network_calls", "some, because the prior asks a network", f"{calls} in all samples")
 
 
-RULES: tuple[tuple[str, Callable[[Subject], Iterator[Finding]]], ...] = (
-    ("a sample", lambda subject: _sound(subject, subject.base, subject.stack)),
-    ("other images", _other_images),
-    ("seeds", _repeatable),
-    ("an image on its own", _independent),
-    ("guidance", _guided),
-    ("distillation", _distilled),
-    ("refinement", _refined),
-    ("geometry", _with_geometry),
-    ("inputs", _kept),
-)
+RULES: dict[str, Callable[[Subject], Iterator[Finding]]] = {
+    "a sample": lambda subject: _sound(subject, subject.base, subject.known),
+    "other images": _other_images,
+    "seeds": _repeatable,
+    "an image on its own": _independent,
+    "guidance": _guided,
+    "distillation": _distilled,
+    "refinement": _refined,
+    "geometry": _with_geometry,
+    "inputs": _kept,
+}
 """Every rule after the declared members, in order, by the name that stands for it where it raises."""

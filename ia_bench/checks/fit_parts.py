@@ -26,24 +26,19 @@ from ia_bench.priors.contract import COMPONENTS, Samples
 PIXELS = 512  # of a step
 SIDE, STEPS = 32, 100  # texels of the material, steps of the fit
 AN_ANSWER = "an answer as the contract describes it"
-Rules = Callable[[Callable[[], Any], Problem], Iterator[Finding]]
 
 
-def check_coupling(make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
-    """Check the coupling that ``make()`` returns; an instance for every question. Never raises for what the coupling does."""
-    return guarded("a question", AN_ANSWER, lambda: _of_kind("coupling", Coupling, make, _coupling, problem))
+def check_part(kind: Kind, make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
+    """Check the coupling or regulariser that ``make()`` returns; an instance for every question. Never raises for what it does."""
 
+    def answers() -> Iterator[Finding]:
+        made, (contract, rules) = make(), RULES[kind]
+        sound = isinstance(made, contract)
+        yield judge(sound, "construction", f"a {contract.__module__}.{contract.__name__}", type(made).__name__)
+        if sound:
+            yield from rules(lambda: checked_part(kind, type(made).__qualname__, make()), problem)
 
-def check_regulariser(make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
-    """Check the regulariser that ``make()`` returns. Never raises for what the regulariser does."""
-    return guarded("a question", AN_ANSWER, lambda: _of_kind("regulariser", Regulariser, make, _regulariser, problem))
-
-
-def _of_kind(what: Kind, kind: type, make: Callable[[], Any], rules: Rules, problem: Problem) -> Iterator[Finding]:
-    made = make()
-    yield judge(isinstance(made, kind), "construction", f"a {kind.__module__}.{kind.__name__}", type(made).__name__)
-    if isinstance(made, kind):
-        yield from rules(lambda: checked_part(what, type(made).__qualname__, make()), problem)
+    return guarded("a question", AN_ANSWER, answers)
 
 
 def _coupling(new: Callable[[], Coupling], problem: Problem) -> Iterator[Finding]:
@@ -145,3 +140,10 @@ def _regulariser(new: Callable[[], Regulariser], problem: Problem) -> Iterator[F
 def _same(what: str, first: dict[str, Any], again: dict[str, Any]) -> Finding:
     differing = [name for name, value in first.items() if isinstance(value, Tensor) and not torch.equal(value, again[name])]
     return judge(not differing, what, "the same to the bit", ", ".join(differing) + " differ" if differing else "")
+
+
+RULES: dict[Kind, tuple[type, Callable[[Callable[[], Any], Problem], Iterator[Finding]]]] = {
+    "coupling": (Coupling, _coupling),
+    "regulariser": (Regulariser, _regulariser),
+}
+"""By kind: the contract, and the questions to what keeps it."""

@@ -88,7 +88,7 @@ def _maker(kind: registry.Kind, name: str, options: Mapping[str, Any]) -> tuple[
 
 def _check_prior(arguments: Sequence[str]) -> Checked:
     from ia_bench.checks.conformance import check_prior  # brings in torch
-    from ia_bench.checks.stack import painted_ball
+    from ia_bench.checks.painted_ball import painted_ball
 
     config = compose(arguments).prior
     what, make = _maker("prior", config.name, config.options)
@@ -122,10 +122,10 @@ def _check_method(arguments: Sequence[str]) -> Checked:
 
 def _check_coupling(arguments: Sequence[str]) -> Checked:
     config, scene, make_problem = _on_tiny(arguments)
-    from ia_bench.checks.fit_parts import check_coupling
+    from ia_bench.checks.fit_parts import check_part
 
     what, make = _maker("coupling", config.coupling.name, config.coupling.options)
-    return f"{what} on scene {scene.name}", check_coupling(make, make_problem(scene))
+    return f"{what} on scene {scene.name}", check_part("coupling", make, make_problem(scene))
 
 
 def _check_regulariser(arguments: Sequence[str]) -> Checked:
@@ -134,12 +134,12 @@ def _check_regulariser(arguments: Sequence[str]) -> Checked:
     if "regulariser" not in own:
         raise InputError("expected regulariser=NAME, found none")
     _, scene, make_problem = _on_tiny([text for text in arguments if not text.startswith("regulariser")])
-    from ia_bench.checks.fit_parts import check_regulariser
+    from ia_bench.checks.fit_parts import check_part
 
     name = own.pop("regulariser")
     options = {key.removeprefix("regulariser.options."): value_of(value) for key, value in own.items()}
     what, make = _maker("regulariser", name, options)
-    return f"{what} on scene {scene.name}", check_regulariser(make, make_problem(scene))
+    return f"{what} on scene {scene.name}", check_part("regulariser", make, make_problem(scene))
 
 
 def _check_reader(arguments: Sequence[str]) -> Checked:

@@ -11,21 +11,21 @@ from ia_bench.common.errors import unknown
 from ia_bench.common.exit_codes import complain, say
 
 COMMANDS = {
-    "run": ("ia_bench.cli.run", "reconstruct one scene and score what was recovered"),
-    "table": ("ia_bench.cli.table", "every row x scene x seed of a table, then its report"),
-    "report": ("ia_bench.cli.report", "the tables, curves and page of runs that are there already"),
-    "score": ("ia_bench.cli.score", "scores of what other software recovered: a mesh with textures, or pictures"),
-    "rescore": ("ia_bench.cli.rescore", "scores of finished runs under another protocol"),
-    "relight": ("ia_bench.cli.relight", "pictures of what was recovered under lights of your own"),
-    "pack": ("ia_bench.cli.pack", "finished runs as one file that others can score again"),
-    "verify": ("ia_bench.cli.verify", "whether packs and published tables give the scores that they say"),
-    "board": ("ia_bench.cli.board", "the report over packs of several people"),
-    "check": ("ia_bench.cli.check", "whether a plug-in keeps its contract, and whether a capture is read well"),
-    "decompose": ("ia_bench.cli.decompose", "albedo and specular shading behind a picture, by a prior alone"),
-    "export": ("ia_bench.cli.export", "a scene in the layout that other programs read, or as a network wants photographs"),
-    "watch": ("ia_bench.cli.watch", "the page of a table while it is being made"),
+    "run": "reconstruct one scene and score what was recovered",
+    "table": "every row x scene x seed of a table, then its report",
+    "report": "the tables, curves and page of runs that are there already",
+    "score": "scores of what other software recovered: a mesh with textures, or pictures",
+    "rescore": "scores of finished runs under another protocol",
+    "relight": "pictures of what was recovered under lights of your own",
+    "pack": "finished runs as one file that others can score again",
+    "verify": "whether packs and published tables give the scores that they say",
+    "board": "the report over packs of several people",
+    "check": "whether a plug-in keeps its contract, and whether a capture is read well",
+    "decompose": "albedo and specular shading behind a picture, by a prior alone",
+    "export": "a scene in the layout that other programs read, or as a network wants photographs",
+    "watch": "the page of a table while it is being made",
 }
-"""Name of a command -> the module whose ``main`` does it, and what it is for."""
+"""Name of a command, whose work is done by ``main`` of the module of that name -> what it is for."""
 
 USAGE = """\
 ia-bench COMMAND ...
@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complain(f"expected Linux, found {platform.system()}; docs/usage.md says what ia_bench runs on")
     if not given or given[0] in ("-h", "--help"):
         width = max(map(len, COMMANDS))
-        say(USAGE.format(commands="\n".join(f"  {name:<{width}}  {line}" for name, (_, line) in COMMANDS.items())), sys.stdout)
+        say(USAGE.format(commands="\n".join(f"  {name:<{width}}  {line}" for name, line in COMMANDS.items())), sys.stdout)
         return 0
     name, *rest = given
     if name == "--version":
@@ -52,5 +52,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complain(unknown("command", name, COMMANDS))
     if "" not in sys.path:
         sys.path.append("")  # the folder where one is: module:Class is looked for there last, by `python -m ia_bench` first
-    status: int = import_module(COMMANDS[name][0]).main(rest)
+    status: int = import_module(f"ia_bench.cli.{name}").main(rest)
     return status

@@ -12,7 +12,6 @@ from ia_bench.common.exit_codes import OK, complain, exits, say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.runs.cells import folders_with_cells
-from ia_bench.runs.folder import folders_among
 from ia_bench.runs.packs import write_pack
 from ia_bench.runs.record import METRICS_FILE, RunRecord
 
@@ -32,8 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--format", choices=("zip", "stanford-orb"), default="zip", metavar="FORMAT", help=what)
     wanted = parser.parse_args(arguments)
-    found = folders_with_cells(folders_among(wanted.runs, complain), complain)
-    folders = sorted(folder for folder in found if (folder / METRICS_FILE).is_file())
+    folders = sorted(folder for folder in folders_with_cells(wanted.runs, complain) if (folder / METRICS_FILE).is_file())
     if wanted.row is not None:
         folders = [folder for folder in folders if RunRecord.read(folder).row == wanted.row]
     if not folders:

@@ -19,8 +19,7 @@ from ia_bench.report.site.page import PARTS, draw_pictures, write_page
 from ia_bench.report.table import MAIN, OUR_TABLE, measured, results_table
 from ia_bench.report.value import write_value
 from ia_bench.report.write import Report, pipe_table, write_report
-from ia_bench.runs.cells import folders_with_cells, read_cells
-from ia_bench.runs.folder import folders_among
+from ia_bench.runs.cells import CELLS, folders_with_cells, read_cells
 from ia_bench.runs.table import Table, capture_of, crossed_name, load_table, some_rows
 
 PAGE = "page"
@@ -38,21 +37,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--table", help="a table: order of rows, reference, claims (default: that of its results)")
     parser.add_argument("--only", action="store_true", help="of every runs.csv, take the rows of --table alone")
     parser.add_argument("--reference", help="the row that the others are compared with (default: the table's)")
-    more = "rows that are the reference with more work, for gains at equal seconds (default: the table's)"
-    parser.add_argument("--curve", nargs="+", metavar="ROW", help=more)
     wanted = parser.parse_args(arguments)
     tables = [path for path in wanted.runs if path.suffix == ".csv"]
-    folders = folders_among([path for path in wanted.runs if path not in tables], complain)
+    folders = [path for path in wanted.runs if path not in tables]
+    cells = folders_with_cells(folders, complain)
     if wanted.only and not wanted.table:
         raise InputError("--only: expected --table NAME beside it, found none")
     table = _compared_with(load_table(wanted.table) if wanted.table else _table_of(folders), wanted.reference)
-    table = table if wanted.curve is None else replace(table, curve=wanted.curve)
     rows = [row.name for row in table.crossed_rows]
     published = [run for path in tables for run in read_published(path) if not wanted.only or run["row"] in rows]
     first = wanted.runs[0] if wanted.runs[0].name not in ("", "..") else wanted.runs[0].resolve()
     out = wanted.out or first.with_name(f"{first.stem if wanted.runs[0] in tables else first.name}-report")
     make_writable(out, "--out")
-    report = write_report(folders_with_cells(folders, complain), out, table, published)
+    report = write_report(cells, out, table, published)
     page = finish(report, out, wanted.table or (out.resolve().name if wanted.out else first.name))
     if wanted.open and not webbrowser.open(page.resolve().as_uri()):
         say(f"no browser was found here; open {page} in one", sys.stdout)
@@ -61,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _table_of(folders: Sequence[Path]) -> Table:
     """Of the table whose results one of the ``folders`` is, the rows of its last call; without rows where that cannot be told."""
-    plans = [plan for folder in folders if (plan := read_cells(folder)) is not None]
+    plans = [read_cells(folder) for folder in folders if (folder / CELLS).exists()]
     if len(plans) == 1:
         called, listed = plans[0].table, {cell.row for cell in plans[0].cells}
         with suppress(InputError):  # its file may be gone, or another one now

@@ -14,7 +14,6 @@ from ia_bench.common.machine import cores, limit_threads
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.runs.cells import folders_with_cells
-from ia_bench.runs.folder import folders_among
 from ia_bench.runs.record import METRICS_FILE
 from ia_bench.scores.protocol import Protocol
 
@@ -33,18 +32,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from ia_bench.runs.composition import compose
     from ia_bench.runs.recovered import Rescorer  # brings in the renderer
 
-    roots = folders_among(wanted.runs, complain)
-    found = sorted(folder for folder in folders_with_cells(roots, complain) if (folder / METRICS_FILE).is_file())
+    found = sorted(folder for folder in folders_with_cells(wanted.runs, complain) if (folder / METRICS_FILE).is_file())
     folders = [folder for folder in found if wanted.out.resolve() not in folder.resolve().parents] or found  # not its own again
     if not folders:
         raise InputError(f"{', '.join(map(str, wanted.runs))}: expected a run's {METRICS_FILE} below, found none")
     make_writable(wanted.out, "--out")
-    rescorer = Rescorer(compose([f"protocol={wanted.protocol}"]).protocol, wanted.out, wanted.scene)
+    protocol, rescorer = compose([f"protocol={wanted.protocol}"]).protocol, Rescorer()
     failed = 0
     for folder in folders:
         try:
             with Progress() as progress:
-                place = rescorer.rescore(folder, progress)
+                place = rescorer.rescore(folder, protocol, wanted.out, wanted.scene, progress)
             say(f"{folder}: {place}", sys.stdout)
         except (InputError, Fault) as error:  # of this run; the others go on
             failed += 1

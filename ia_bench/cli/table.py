@@ -28,7 +28,7 @@ from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS
 from ia_bench.runs.schedule import run_cells
-from ia_bench.runs.table import refuse_own
+from ia_bench.runs.table import key_of, refuse_own
 
 OWN = ("table", "rows", "scenes", "seeds", "jobs", "launcher")
 """What the command line says of the table itself; all else goes to every cell."""
@@ -82,7 +82,7 @@ def make_table(request: TableRequest) -> int:
     except InputError as error:
         raise InputError(f"table {request.name}: {error}") from None
     launcher = request.launcher
-    of_the_machine = [text for text in request.overrides if text.partition("=")[0] in ("device", "threads")]
+    of_the_machine = [text for text in request.overrides if key_of(text) in ("device", "threads")]
     config = compose(of_the_machine, here=launcher.here)  # the others are composed with each row, which may be what knows them
     jobs, threads = launcher.jobs_and_threads(request.jobs, config.device)
     if config.threads is not None and any(text.startswith("threads=") for text in of_the_machine):
@@ -98,14 +98,15 @@ def make_table(request: TableRequest) -> int:
         known_as = str(Path(request.table).resolve()) if request.table.endswith(".yaml") else request.table
         write_cells(results, known_as, None if jobs == AS_MANY_AS_FIT else jobs, cells)
         progress.note(f"ia-bench watch {results}: the page of this table while it grows")
-        failed = run_cells(cells, launcher, jobs, results / "logs", progress)
-    scenes = dict.fromkeys(cell.config.scene.name for cell in cells)
-    ran = {cell.folder: (cell.row.name, cell.config.scene.name, cell.config.seed) for cell in cells}
-    finish(write_report(ran, results, replace(table, scenes=[*scenes])), results, request.name)
-    wrong = broken + ([f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why"] if failed else [])
-    for line in wrong:
+        failed = run_cells(cells, launcher, jobs, progress)
+    ran = {cell.folder: cell.labels for cell in cells}
+    shown = replace(table, scenes=list(dict.fromkeys(cell.scene for cell in cells)))
+    finish(write_report(ran, results, shown), results, request.name)
+    if failed:
+        broken.append(f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why")
+    for line in broken:
         complain(line)
-    return FAULT if wrong else OK
+    return FAULT if broken else OK
 
 
 def _usage() -> str:

@@ -82,11 +82,11 @@ def _repeat(wanted: argparse.Namespace, tables: Sequence[Path]) -> int:
     return OK if set(counts) == {"agrees"} else FAULT
 
 
-def _score_again(wanted: argparse.Namespace, paths: Sequence[Path]) -> int:
+def _score_again(wanted: argparse.Namespace, packs: Sequence[Path]) -> int:
     limit_threads(wanted.threads)
-    from ia_bench.runs.verification import OF_A_VIEW, OTHER, TOLERANCE, Verifier  # brings in the renderer
+    from ia_bench.runs.recovered import Rescorer  # brings in the renderer
+    from ia_bench.runs.verification import OF_A_VIEW, OTHER, TOLERANCE, verify
 
-    packs = packs_among(paths)
     scenes = {}
     for text in wanted.scene:
         name, separator, folder = text.partition("=")
@@ -95,15 +95,15 @@ def _score_again(wanted: argparse.Namespace, paths: Sequence[Path]) -> int:
         scenes[name] = user_path("--scene", folder, folder=True)
     if wanted.out is not None:
         make_writable(wanted.out.parent, "--out")
-    verifier, result = Verifier(scenes), dict[str, dict[str, str]]()
+    rescorer, result = Rescorer(), dict[str, dict[str, str]]()
     runs, agreed = 0, True
-    for path in packs:
+    for path in dict.fromkeys(packs):
         states, digest = dict[str, str](), digest_of(path)
         if digest is not None:  # of a file that can be read at all
             result[digest] = states
         try:
             with Progress() as progress:
-                verdicts = verifier.verify(path, progress)
+                verdicts = verify(path, scenes, rescorer, progress)
         except InputError as error:  # of this pack; the others go on
             complain(str(error))
             agreed = False

@@ -33,14 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"folder to write the page into (default: RUNS/{LIVE})")
     parser.add_argument("--every", type=float, default=2.0, metavar="SECONDS", help="seconds between two looks (default: 2)")
     wanted = parser.parse_args(arguments)
-    return watch(wanted.runs, wanted.out or wanted.runs / LIVE, wanted.every)
-
-
-def watch(runs: Path, out: Path, every: float) -> int:
-    """Write the page of ``runs`` into ``out``, and news of it ``every`` so many seconds, until Ctrl-C or SIGTERM.
-
-    Raises InputError where there are no runs, and where the folder cannot be written.
-    """
+    runs, every, out = wanted.runs, wanted.every, wanted.out or wanted.runs / LIVE
     if not LEAST_SECONDS <= every <= MOST_SECONDS:
         raise InputError(f"--every: expected {LEAST_SECONDS} to {MOST_SECONDS} seconds, found {every:g}")
     if not runs.is_dir():

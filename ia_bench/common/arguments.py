@@ -16,6 +16,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.settings import parsed
 
 T = TypeVar("T")
+NULL = "null", "~"  # as YAML writes it
 
 
 def read_arguments(kind: type[T], arguments: Sequence[str]) -> T:
@@ -36,15 +37,19 @@ def read_arguments(kind: type[T], arguments: Sequence[str]) -> T:
             hints = get_type_hints(hints[part]) if dataclasses.is_dataclass(hints.get(part)) else {}
         if not separator or not text:
             raise InputError(f"{key}: expected {key}=VALUE, found '{argument}'")
-        hint = hints.get(last)
-        kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-        literal = (Path in kinds or str in kinds) and text not in ("null", "~")
-        several = next((get_args(one) for one in kinds if get_origin(one) is tuple), None)
-        if several and not text.startswith("["):
-            table[last] = [part if str in several else value_of(part) for part in text.split(",")]
-            continue
-        table[last] = str(Path(text).expanduser()) if literal and Path in kinds else text if literal else value_of(text)
+        table[last] = _meant(text, hints.get(last))
     return parsed(kind, content)
+
+
+def _meant(text: str, hint: object) -> object:
+    """What ``text`` means as a value of a field of that type."""
+    kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    items = next((get_args(kind) for kind in kinds if get_origin(kind) is tuple), None)
+    if items and not text.startswith("["):
+        return [part if str in items else value_of(part) for part in text.split(",")]
+    if Path in kinds and text not in NULL:
+        return str(Path(text).expanduser())
+    return text if str in kinds and text not in NULL else value_of(text)
 
 
 def settings_of(kind: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:  # noqa: ANN401 (a dataclass)

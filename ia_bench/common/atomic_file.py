@@ -9,8 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-LEFTOVERS = ".tmp-*"
-"""Names of files that somebody was writing; those of a process that was killed stay behind."""
+LEFTOVERS = ".tmp-*"  # names of files that somebody was writing; those of a process that was killed stay behind
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import traceback
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -35,10 +36,8 @@ def first_line(error: BaseException) -> str:
 
 def place_of(error: BaseException) -> str:
     """The file and line that an exception came from, "my_prior.py:28"; empty where it has no traceback."""
-    place = error.__traceback__
-    while place is not None and place.tb_next is not None:
-        place = place.tb_next
-    return "" if place is None else f"{Path(place.tb_frame.f_code.co_filename).name}:{place.tb_lineno}"
+    places = traceback.extract_tb(error.__traceback__, limit=-1)
+    return f"{Path(places[0].filename).name}:{places[0].lineno}" if places else ""
 
 
 def raised(error: BaseException) -> str:

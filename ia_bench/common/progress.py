@@ -15,8 +15,7 @@ from rich.progress import Progress as RichProgress
 
 from ia_bench.common.exit_codes import log, say
 
-LINE_SECONDS = 5.0
-"""At most one line of progress in this time where the output is no terminal."""
+LINE_SECONDS = 5.0  # at most one line of progress in this time where the output is no terminal
 
 
 class ProgressBar:

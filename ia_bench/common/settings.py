@@ -90,12 +90,8 @@ def check_arguments(factory: Callable[..., Any], options: Mapping[str, Any], key
     Parameters without an annotation that can be told take everything.
     """
     fields, adapter = _fields_of(factory, given)
-    if adapter is None:
-        return
-    missing = [name for name, (_, default) in fields.items() if default is ... and name not in options]
-    if missing:
-        raise InputError(f"{key}: expected {', '.join(f'{key}.{name}=...' for name in missing)}, found none")
-    _checked(adapter, fields, options, key)
+    if adapter is not None:
+        _checked(adapter, fields, options, key)
 
 
 @functools.cache
@@ -105,7 +101,8 @@ def _fields_of(factory: Callable[..., Any], given: int) -> tuple[dict[str, Any],
     if any(p.kind is p.VAR_KEYWORD for p in parameters):
         return {}, None
     try:
-        hints = get_type_hints(factory.__init__ if isinstance(factory, type) else factory, include_extras=True)  # type: ignore[misc]
+        annotated = factory.__init__ if isinstance(factory, type) and not dataclasses.is_dataclass(factory) else factory  # type: ignore[misc]
+        hints = get_type_hints(annotated, include_extras=True)
     except Exception:  # foreign annotations may name what only a type checker imports
         hints = {}
     fields: dict[str, Any] = {}

@@ -79,9 +79,8 @@ def outline(view: View, grid: DistanceGrid) -> Outline:
     points, beyond = nearest_to_rays(view.camera, rows, columns, grid)
     far = float(np.linalg.norm(points.mean(0) - view.camera.position)) if len(points) else 1.0
     units = pixel_motions(view.camera, far, float((view.mask > HALF).sum()))
-    here = seen_at(view.camera, points)
-    effects = [(seen_at(moved(view.camera, STEP * units * one), points) - here) / STEP for one in np.eye(6)]
-    system = np.column_stack([*(-(effect * normal).sum(-1) for effect in effects), np.ones(len(points))])
+    effects = -(effects_of(view.camera, units, points) * normal).sum(-1)
+    system = np.column_stack([*effects, np.ones(len(points))])
     return Outline(beyond - distance[rows, columns], system, units)
 
 
@@ -135,6 +134,12 @@ def moved(camera: Camera, motion: np.ndarray) -> Camera:
     to_world[:3, 3] += to_world[:3, :3] @ motion[3:]
     to_world[:3, :3] = to_world[:3, :3] @ Rotation.from_rotvec(motion[:3]).as_matrix()
     return replace(camera, to_world=to_world)
+
+
+def effects_of(camera: Camera, units: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """How each of six motions moves the images of points (N, 3), (6, N, 2) pixels for one of its ``units`` (6,)."""
+    here = seen_at(camera, points)
+    return np.stack([seen_at(moved(camera, STEP * units * one), points) - here for one in np.eye(6)]) / STEP
 
 
 def pixel_motions(camera: Camera, distance: float, area: float) -> np.ndarray:
@@ -199,10 +204,9 @@ class MovingPhotographs:
         far = float(np.linalg.norm(centre - camera.position))
         points = camera.position + far * camera.rays(*(middle + around).T)
         units = pixel_motions(camera, far, float(np.pi * radius**2))
-        here = seen_at(camera, points)
-        effects = [(seen_at(moved(camera, STEP * units * one), points) - here).ravel() / STEP for one in np.eye(6)[USED]]
+        effects = effects_of(camera, units, points)[USED].reshape(len(USED), -1)
         motion = np.zeros(6)
-        motion[USED] = np.linalg.lstsq(np.stack(effects, -1), wanted.ravel(), rcond=None)[0]
+        motion[USED] = np.linalg.lstsq(effects.T, wanted.ravel(), rcond=None)[0]
         return moved(camera, units * motion)
 
 

@@ -103,7 +103,6 @@ def smoothed(mesh: Mesh, width: float) -> Mesh:
     stiffness C and the vertices' areas M. Vertices at one place, as on UV seams, move together. Volume shrinks.
     """
     _, first, shared = np.unique(mesh.vertices, axis=0, return_index=True, return_inverse=True)
-    shared = shared.reshape(-1)
     places, faces = mesh.vertices[first].astype(np.float64), shared[mesh.faces]
     corners = places[faces]
     stiffness = coo_matrix((len(places), len(places)))

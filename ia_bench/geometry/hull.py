@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -36,24 +35,28 @@ GROWTHS = 4  # how often the first box may grow by half, before the masks are sa
 
 
 # ---------------------------------------------------------------- masks as distances to their outlines
-@dataclass(frozen=True)
-class Silhouette:
-    """The outline of one view: ``distance`` (H, W) float32 in pixels, positive outside, and the camera that sees it."""
+Silhouette = tuple[Camera, Tensor]
+"""A camera, and in pixels how far each of its pixels is from the outline that it sees, (H, W) float32, positive outside."""
 
-    camera: Camera
-    distance: Tensor
 
-    def outside(self, points: Tensor) -> Tensor:
-        """How far (N, 3) points lie outside of the cone of rays that the mask lets through, (N,) scene units; below 0 inside.
+def outside(camera: Camera, distance: Tensor, points: Tensor) -> Tensor:
+    """How far (N, 3) points lie outside of the cone of rays that a silhouette lets through, (N,) scene units; below 0 inside.
 
-        Across the ray, at the depth of the point. A point behind the camera is not seen, so nothing is known: minus infinity.
-        """
-        camera = self.camera
-        column, row, depth = camera.project(points)
-        place = torch.stack([2 * column / camera.width - 1, 2 * row / camera.height - 1], -1)[None, None]
-        pixels = grid_sample(self.distance[None, None], place, mode="bilinear", padding_mode="border", align_corners=False)
-        focal = 0.5 * (camera.focal[0] + camera.focal[1])
-        return torch.where(depth > 0, pixels[0, 0, 0] * depth / focal, -torch.inf)
+    Across the ray, at the depth of the point. A point behind the camera is not seen, so nothing is known: minus infinity.
+    """
+    (pixels,), depth = looked_up(camera, distance[None], points, padding_mode="border")
+    focal = 0.5 * (camera.focal[0] + camera.focal[1])
+    return torch.where(depth > 0, pixels * depth / focal, -torch.inf)
+
+
+def looked_up(camera: Camera, picture: Tensor, points: Tensor, **how: str) -> tuple[Tensor, Tensor]:
+    """What a camera's ``picture`` (C, H, W) shows at points (N, 3), (C, N), and how deep they are (N,).
+
+    ``how``: "mode" and "padding_mode" of torch's ``grid_sample``; bilinear, and 0 outside of the picture, if not said.
+    """
+    column, row, depth = camera.project(points)
+    place = torch.stack([2 * column / camera.width - 1, 2 * row / camera.height - 1], -1)[None, None]
+    return grid_sample(picture[None], place, align_corners=False, **how)[0, :, 0], depth
 
 
 def carving_mask(view: View) -> np.ndarray:
@@ -145,7 +148,7 @@ def visual_hull(views: Sequence[View], cells: int, tolerated: int = 0) -> Distan
 
     Raises InputError where no point is inside of all masks, and OpenHullError where the masks leave the object unbounded.
     """
-    outlines = [Silhouette(view.camera, torch.from_numpy(outline_distance(carving_mask(view)))) for view in views]
+    outlines = [(view.camera, torch.from_numpy(outline_distance(carving_mask(view)))) for view in views]
     low, high = _bounds(views, outlines, tolerated)
     step = float((high - low).max()) / (cells - 2 * MARGIN)
     halvings = max(0, int(math.log2(cells / COARSEST)))
@@ -173,7 +176,7 @@ def outside_of_all(outlines: Sequence[Silhouette], points: Tensor, tolerated: in
     for part in points.split(POINTS_AT_ONCE):
         largest = torch.full((tolerated + 1, len(part)), -torch.inf)  # in falling order
         for outline in outlines:
-            distance = outline.outside(part)
+            distance = outside(*outline, part)
             for place in range(tolerated + 1):
                 largest[place], distance = torch.maximum(largest[place], distance), torch.minimum(largest[place], distance)
         found.append(largest[-1])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import re
-from dataclasses import fields, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
@@ -40,10 +41,9 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
     found = cache.get(key)
     if found is not None:
         tensors, about = found
-        return Mesh(*(tensors[field.name].numpy() for field in fields(Mesh))), tuple(about["notes"])
+        return Mesh(**{name: tensor.numpy() for name, tensor in tensors.items()}), tuple(about["notes"])
     mesh, notes = _read_mesh(path, uv)
-    parts = {field.name: torch.from_numpy(getattr(mesh, field.name)) for field in fields(Mesh)}
-    cache.put(key, parts, {"notes": notes})
+    cache.put(key, {name: torch.from_numpy(array) for name, array in vars(mesh).items()}, {"notes": notes})
     return mesh, notes
 
 
@@ -51,9 +51,10 @@ def _read_mesh(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     import trimesh
 
     loaded = parsed_by_trimesh(path)
-    stored = _stored_normals(loaded) if isinstance(loaded, trimesh.Trimesh) else None
+    stored = stored_normals(loaded) if isinstance(loaded, trimesh.Trimesh) else None
     if isinstance(loaded, trimesh.Scene):  # a file of several parts, or a glTF
-        stored = joined_normals(placed_parts(loaded))
+        placed = placed_parts(loaded)
+        stored = joined_normals([len(part.vertices) for part, _, _ in placed], [normals for _, _, normals in placed])
         try:
             loaded = loaded.to_mesh()
         except Exception as error:  # trimesh raises whatever it meets
@@ -75,7 +76,7 @@ def _wound_outward(mesh: Mesh, path: Path, notes: tuple[str, ...]) -> tuple[Mesh
         mesh = replace(mesh, faces=np.ascontiguousarray(mesh.faces[:, ::-1]))
         notes = (*notes, f"{path.name}: triangles wound against the stored normals; all of them turned round")
     places, shared = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    solid = trimesh.Trimesh(places, shared.reshape(-1)[mesh.faces], process=False)
+    solid = trimesh.Trimesh(places, shared[mesh.faces], process=False)
     if solid.is_watertight and solid.volume < 0:
         mesh = replace(mesh, faces=np.ascontiguousarray(mesh.faces[:, ::-1]), normals=-mesh.normals)
         notes = (*notes, f"{path.name}: a closed mesh that is inside out; triangles and normals turned round")
@@ -170,7 +171,7 @@ def sound_mesh(
     return Mesh(*parts), tuple(notes)
 
 
-def _stored_normals(part: trimesh.Trimesh) -> np.ndarray | None:
+def stored_normals(part: trimesh.Trimesh) -> np.ndarray | None:
     """The normals (V, 3) that a file gives its mesh. The public attribute would compute some where there are none."""
     stored: np.ndarray | None = part._cache.cache.get("vertex_normals")
     return stored
@@ -188,7 +189,7 @@ def placed_parts(parts: trimesh.Scene) -> list[tuple[trimesh.Trimesh, np.ndarray
         matrix, name = parts.graph[node]
         part = parts.geometry[name]
         if isinstance(part, trimesh.Trimesh):  # not points or lines, which are no part of the mesh
-            stored = _stored_normals(part)
+            stored = stored_normals(part)
             found.append((part, matrix, None if stored is None else turned_normals(stored, matrix)))
     return found
 
@@ -199,11 +200,12 @@ def turned_normals(normals: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     return turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12)
 
 
-def joined_normals(parts: list[tuple[trimesh.Trimesh, np.ndarray, np.ndarray | None]]) -> np.ndarray | None:
-    """The stored normals of all parts, NaN for parts that have none, and None if no part has any."""
-    if all(stored is None for _, _, stored in parts):
+def joined_normals(counts: Sequence[int], normals: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    """The normals of parts of so many vertices as one array, NaN for parts that have none, and None if no part has any."""
+    if all(stored is None for stored in normals):
         return None
-    return np.concatenate([np.full(part.vertices.shape, np.nan) if stored is None else stored for part, _, stored in parts])
+    pairs = zip(counts, normals, strict=True)
+    return np.concatenate([np.full((count, 3), np.nan) if stored is None else stored for count, stored in pairs])
 
 
 def _uv_per_face(path: Path) -> bool:
@@ -239,7 +241,6 @@ def _normals(vertices: np.ndarray, faces: np.ndarray, stored: np.ndarray | None,
 
     # Vertices split at UV seams must share one normal, so the averaging is over positions, weighted by corner angle.
     places, shared = np.unique(vertices, axis=0, return_inverse=True)
-    shared = shared.reshape(-1)
     normals = np.asarray(trimesh.Trimesh(places, shared[faces], process=False).vertex_normals)[shared]
     flat = np.linalg.norm(normals, axis=1) < 1e-6
     if (flat & np.isin(np.arange(len(vertices)), faces)).any():

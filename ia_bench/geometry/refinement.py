@@ -18,17 +18,16 @@ is known of the light, so shading is seen as paint, which tells shape as well wh
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import grid_sample, interpolate, normalize, pad, softplus
+from torch.nn.functional import interpolate, normalize, pad, softplus
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, ProgressBar, unseen
 from ia_bench.geometry.consistency import MovingPhotographs
-from ia_bench.geometry.grid import DistanceGrid
+from ia_bench.geometry.grid import DistanceGrid, sampled
 from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.marching import Pixels, Rays, gathered, pixels_of
 from ia_bench.geometry.sweep import depth_maps, fused
@@ -93,28 +92,22 @@ def surface_from_images(
     return DistanceGrid(values * hull.step, hull.low, hull.step)
 
 
-@dataclass
-class _Near:
-    """Vertices near the surface, by their flat indices, and the strides to their neighbours along each axis."""
+def _near_surface(values: Tensor) -> Tensor:
+    """The flat indices of inner vertices near the surface."""
+    inner = torch.zeros(values.shape, dtype=torch.bool)
+    inner[1:-1, 1:-1, 1:-1] = values[1:-1, 1:-1, 1:-1].abs() < BAND
+    return inner.reshape(-1).nonzero()[:, 0]
 
-    indices: Tensor
-    strides: tuple[int, int, int]
 
-    @classmethod
-    def of(cls, values: Tensor) -> _Near:
-        inner = torch.zeros(values.shape, dtype=torch.bool)
-        inner[1:-1, 1:-1, 1:-1] = values[1:-1, 1:-1, 1:-1].abs() < BAND
-        return cls(inner.reshape(-1).nonzero()[:, 0], (values.stride(0), values.stride(1), values.stride(2)))
-
-    def irregularity(self, values: Tensor) -> Tensor:
-        """EIKONAL (|grad f| - 1)^2 + SMOOTH (laplacian f)^2, by differences of neighbours, in the mean."""
-        flat = values.reshape(-1)
-        laplacian, squared = -6 * flat[self.indices], torch.zeros(len(self.indices))
-        for stride in self.strides:
-            after, before = flat[self.indices + stride], flat[self.indices - stride]
-            laplacian = laplacian + after + before
-            squared = squared + (0.5 * (after - before)) ** 2
-        return EIKONAL * (((squared + 1e-12).sqrt() - 1) ** 2).mean() + SMOOTH * (laplacian**2).mean()
+def _irregularity(values: Tensor, near: Tensor) -> Tensor:
+    """EIKONAL (|grad f| - 1)^2 + SMOOTH (laplacian f)^2, by differences of neighbours, in the mean over the vertices ``near``."""
+    flat = values.reshape(-1)
+    laplacian, squared = -6 * flat[near], torch.zeros(len(near))
+    for stride in values.stride():
+        after, before = flat[near + stride], flat[near - stride]
+        laplacian = laplacian + after + before
+        squared = squared + (0.5 * (after - before)) ** 2
+    return EIKONAL * (((squared + 1e-12).sqrt() - 1) ** 2).mean() + SMOOTH * (laplacian**2).mean()
 
 
 class _Fit:
@@ -143,7 +136,7 @@ class _Fit:
         parts = moves, [features], list(self._appearance.parameters()), gains, offsets
         groups = [{"params": part, "lr": rate, "initial_lr": rate} for part, rate in zip(parts, rates, strict=True) if part]
         optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-10, fused=True)
-        near = _Near.of(start)
+        near = _near_surface(start)
         for step in range(steps):
             for group in optimiser.param_groups:
                 group["lr"] = group["initial_lr"] * FALL ** (step / steps)
@@ -152,8 +145,8 @@ class _Fit:
                     optimiser.param_groups[place]["lr"] = 0.0
             values = _moved(start, moves, least)
             if step % AGAIN == 0:
-                near = _Near.of(values.detach())
-            loss = self._misfit(values, features) + near.irregularity(values)
+                near = _near_surface(values.detach())
+            loss = self._misfit(values, features) + _irregularity(values, near)
             optimiser.zero_grad(set_to_none=False)
             loss.backward()
             optimiser.step()
@@ -210,8 +203,7 @@ def _moved(values: Tensor, moves: Sequence[Tensor], least: Tensor) -> Tensor:
 
 def _normals(values: Tensor, places: Tensor) -> Tensor:
     """Unit gradients (N, 3) of the values at places (N, 3) in cells."""
-    grid = (2 * places / (torch.tensor(values.shape) - 1) - 1).flip(-1)[None, None, None]
-    found = grid_sample(_differences(values)[None], grid, align_corners=True, padding_mode="border")[0, :, 0, 0].T
+    found = sampled(_differences(values), torch.zeros(3), torch.tensor(values.shape) - 1, places)
     return normalize(found, dim=-1, eps=1e-6)
 
 

@@ -17,11 +17,11 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, grid_sample
+from torch.nn.functional import avg_pool2d
 
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.hull import centre_of
+from ia_bench.geometry.hull import centre_of, looked_up
 from ia_bench.scenes.scene import Camera, View
 
 NEIGHBOURS = 6  # photographs that each is compared with ...
@@ -122,11 +122,8 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
 
 def _projected(camera: Camera, picture: Tensor, points: Tensor) -> Tensor:
     """What a camera's picture (C, H', W') shows at points (K, H, W, 3): (K, C, H, W)."""
-    planes, height, width = points.shape[:3]
-    column, row, _ = camera.project(points.reshape(-1, 3))
-    place = torch.stack([2 * column / camera.width - 1, 2 * row / camera.height - 1], -1).reshape(1, planes * height, width, 2)
-    seen = grid_sample(picture[None], place, align_corners=False)[0]
-    return seen.reshape(-1, planes, height, width).movedim(0, 1)
+    seen, _ = looked_up(camera, picture, points.reshape(-1, 3))
+    return seen.reshape(-1, *points.shape[:3]).movedim(0, 1)
 
 
 def correlation(one: Tensor, other: Tensor) -> Tensor:
@@ -191,10 +188,7 @@ def fused(hull: DistanceGrid, maps: Sequence[DepthMap]) -> DistanceGrid:
     total, weights = torch.zeros(len(points)), torch.full((len(points),), ENOUGH)
     total += ENOUGH * hull.values.reshape(-1)[inside].clamp(-reach, reach)
     for one in maps:
-        column, row, depth = one.camera.project(points)
-        place = torch.stack([2 * column / one.camera.width - 1, 2 * row / one.camera.height - 1], -1)[None, None]
-        layers = torch.stack([one.depth, one.trust])[None]
-        there, trust = grid_sample(layers, place, mode="nearest", align_corners=False)[0, :, 0]
+        (there, trust), depth = looked_up(one.camera, torch.stack([one.depth, one.trust]), points, mode="nearest")
         outside = there - depth
         weight = (trust - LEAST_TRUST).clamp_min(0) ** 2 * ((there > 0) & (depth > 0) & (outside > -reach))
         weight = torch.where(outside > reach, PASSING * weight, weight)

@@ -1,5 +1,7 @@
 """Bilinear look-ups in textures as functions of Warp kernels, and the kernels of :func:`ia_bench.material.textures.fetch`."""
 
+from typing import Any
+
 import warp as wp
 
 
@@ -36,31 +38,16 @@ def bilinear_taps(uv: wp.vec2, height: int, width: int) -> Taps:
 
 
 @wp.func
-def fetch_scalar(texture: wp.array(dtype=float), taps: Taps) -> float:
-    """One channel of a texture, flat."""
+def fetch_at(texture: wp.array(dtype=Any), taps: Taps):
+    """What a flat texture of one or three channels holds at a point."""
     i = taps.index
     w = taps.weight
     return w[0] * texture[i[0]] + w[1] * texture[i[1]] + w[2] * texture[i[2]] + w[3] * texture[i[3]]
 
 
 @wp.func
-def fetch_colour(texture: wp.array(dtype=wp.vec3), taps: Taps) -> wp.vec3:
-    """Three channels of a texture, flat."""
-    i = taps.index
-    w = taps.weight
-    return w[0] * texture[i[0]] + w[1] * texture[i[1]] + w[2] * texture[i[2]] + w[3] * texture[i[3]]
-
-
-@wp.func
-def add_scalar(texture: wp.array(dtype=float), taps: Taps, value: float):
-    """The transpose of :func:`fetch_scalar`."""
-    for t in range(4):
-        wp.atomic_add(texture, taps.index[t], taps.weight[t] * value)
-
-
-@wp.func
-def add_colour(texture: wp.array(dtype=wp.vec3), taps: Taps, value: wp.vec3):
-    """The transpose of :func:`fetch_colour`."""
+def add_at(texture: wp.array(dtype=Any), taps: Taps, value: Any):
+    """The transpose of :func:`fetch_at`."""
     for t in range(4):
         wp.atomic_add(texture, taps.index[t], taps.weight[t] * value)
 

@@ -127,8 +127,7 @@ class CostTracker:
 
     def state(self) -> dict[str, Any]:
         """For a checkpoint."""
-        done = {"total": self.total(), "cpu_seconds": self.cpu_seconds()}
-        return {"seconds": dict(self.seconds), "counts": self.counts(), **done}
+        return {"seconds": dict(self.seconds), "counts": self.counts(), "total": self.total(), "cpu_seconds": self.cpu_seconds()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from :meth:`state`; what this process has done so far repeated what is in it already."""

@@ -40,7 +40,7 @@ class Photographs:
         radiance: (P, 3), linear, premultiplied by the mask.
         mask: (P, 1), the share of the pixel that the object fills, as the photograph's mask has it.
         known: (P, 1) bool, True where the photograph's value is the radiance, False where it is only a lower bound (saturated), and
-            in pixels that are ``left_out``; None for True everywhere.
+            in pixels that are ``left_out``.
         left_out: (P,) bool, where the mesh fills the pixel and the mask leaves it out: wrong masks and poses, a margin that a
             capture cuts off, a mesh that is too large. Nothing that was made of the photograph says anything there.
         unit: Factor of radiance, of photographs and renders alike, at which a loss of absolute radiance compares them.
@@ -48,28 +48,20 @@ class Photographs:
 
     radiance: Tensor
     mask: Tensor
-    known: Tensor | None
+    known: Tensor
     left_out: Tensor
     unit: float = 1.0
 
     @classmethod
     def of(cls, scene: Scene, gbuffer: GBuffer) -> Photographs:
         """Those of a ``scene``, whose training cameras the ``gbuffer`` is of; on its device."""
-
-        def pixels(images: Tensor) -> Tensor:
-            return images.to(gbuffer.pixel.device).reshape(-1, images.shape[-1])[gbuffer.pixel]
-
-        radiance = pixels(torch.stack([torch.from_numpy(view.image) for view in scene.train]))
-        mask = pixels(torch.stack([torch.from_numpy(view.mask) for view in scene.train])[..., None])
+        pictures = (stacked(scene.train, name).to(gbuffer.pixel.device) for name in ("image", "mask", "known"))
+        radiance, mask, known = (each.reshape(math.prod(gbuffer.shape), -1)[gbuffer.pixel] for each in pictures)
         left_out = gbuffer.filled & (mask[:, 0] <= INSIDE)
-        known = known_pixels(scene.train)
-        known = None if known is None else pixels(known)
-        if bool(left_out.any()):
-            known = ~left_out[:, None] if known is None else known & ~left_out[:, None]
         inside = radiance[mask[:, 0] > INSIDE]
         mean, (least, most) = float(inside.mean()) if len(inside) else 0.0, USUAL
         unit = 1.0 if least <= mean <= most or not 0 < mean < float("inf") else LEVEL / mean
-        return cls(radiance, mask, known, left_out, unit)
+        return cls(radiance, mask, known & ~left_out[:, None], left_out, unit)
 
     @property
     def mean_radiance(self) -> Tensor:
@@ -86,23 +78,18 @@ def as_photographed(renders: Mapping[str, Tensor], views: tuple[int, ...], expos
     return {name: images if name == "albedo" else factor * images for name, images in renders.items()}
 
 
-# ---- pixels whose radiance is known from below only: a saturated sensor, an unknown value (``View.valid``) ----
+def stacked(views: Sequence[View], name: str) -> Tensor:
+    """What views of one size have by a ``name`` of :class:`View`, such as "mask": (V, H, W, ...), on the CPU."""
+    return torch.from_numpy(np.stack([getattr(view, name) for view in views]))
 
 
-def known_pixels(views: Sequence[View]) -> Tensor | None:
-    """``valid`` of views of one size, (V, H, W, 1) bool; None where every pixel of all of them is known."""
-    if all(view.valid is None for view in views):
-        return None
-    return torch.from_numpy(np.stack([view.known for view in views]))[..., None]
-
-
-def one_sided(target: Tensor, rendered: Tensor, known: Tensor | None) -> Tensor:
+def one_sided(target: Tensor, rendered: Tensor, known: Tensor) -> Tensor:
     """What a loss compares ``rendered`` (N, 3) with: ``target`` (N, 3), or the render itself where it may be that bright.
 
     Where ``known`` (N, 1) is False, the target is a lower bound: a brighter render equals what it is compared with, so that any
     loss of their difference is at its least there and has no gradient.
     """
-    return target if known is None else torch.where(known, target, torch.maximum(target, rendered.detach()))
+    return torch.where(known, target, torch.maximum(target, rendered.detach()))
 
 
 # ---- the even light under which a material looks as bright, and of the colour, as the photographs do in the mean ----
@@ -110,18 +97,14 @@ def one_sided(target: Tensor, rendered: Tensor, known: Tensor | None) -> Tensor:
 
 @torch.no_grad()
 def light_of_the_mean_image(
-    problem: Problem, entries: Tensor, material: Material, rows: int, generator: torch.Generator
+    problem: Problem, believed: Tensor, material: Material, rows: int, generator: torch.Generator
 ) -> tuple[Tensor, Tensor]:
     """Radiance (3,) of that light, with the render that tells it, as images are linear in the light: (P, 3) under light 1.
 
-    Args:
-        problem: Whose renderer and G-buffer are used.
-        entries: (N,), N >= 1, pixels of the G-buffer that the mean is taken over.
-        material: What is lit.
-        rows: Of the lat-long map that holds the light.
-        generator: Draws the pixels and the samples.
+    The mean is taken over the pixels of the G-buffer that are ``believed`` (P,) bool, or all where none is; ``rows``: of the
+    lat-long map that holds the light.
     """
-    gbuffer = problem.gbuffer
+    gbuffer, entries = problem.gbuffer, torch.nonzero(believed if bool(believed.any()) else torch.ones_like(believed))[:, 0]
     pixels = entries[torch.randint(len(entries), (min(PIXELS, len(entries)),), generator=generator, device=entries.device)]
     ones = SampledLight.of(torch.ones(rows, 2 * rows, 3, device=gbuffer.pixel.device))
     rendered = problem.renderer.render_pixels(gbuffer, pixels, material, ones, problem.plan.samples, generator).radiance
@@ -183,8 +166,6 @@ def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Ten
     """
     gbuffer, _ = restrict(problem.gbuffer, views)
     device = gbuffer.face.device
-    rotations = np.stack([problem.scene.train[view].camera.to_world[:3, :3] for view in views]).astype(np.float32)
-    to_world = torch.from_numpy(rotations).to(device)
     normals, visibility = (torch.zeros(len(gbuffer.pixel), channels, device=device) for channels in (3, 1))
     generator, side = torch.Generator(device=device).manual_seed(0), gbuffer.subsamples
     count = max(1, AMBIENT_RAYS // side)
@@ -193,11 +174,11 @@ def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Ten
         hit, barycentric = face >= 0, gbuffer.barycentric[rows].reshape(-1, 2)
         points = problem.renderer.surface(face.clamp_min(0).reshape(-1).long(), barycentric, camera)  # those that miss are any
         world = (points.normal.reshape(*hit.shape, 3) * hit[..., None]).mean(1)
-        normals[rows] = torch.einsum("pi,pij->pj", world, to_world[gbuffer.view(rows)])
+        normals[rows] = torch.einsum("pi,pij->pj", world, gbuffer.to_world[gbuffer.view(rows), :3, :3])
         rotation = torch.rand(len(rows), 3, generator=generator, dtype=torch.float64, device=device)
         samples = lattice(rotation, side, count)[..., :2].float().reshape(-1, count, 2)
         asked = hit.reshape(-1, 1).expand(-1, count)
-        open_there = asked & ~problem.renderer.visibility.blocked(points, cosine_directions(points.normal, samples), asked)
+        open_there = asked & ~problem.renderer.blocked(points, cosine_directions(points.normal, samples), asked)
         visibility[rows] = open_there.float().reshape(*hit.shape, count).mean(-1).mean(1, keepdim=True)
     return gbuffer.images(normals).cpu(), gbuffer.images(visibility).cpu()
 

@@ -83,9 +83,6 @@ class Constant(_TruthSeer):
         grey = torch.full((4, 4, 3), float(np.concatenate(shown).mean(dtype=np.float64)), device=device)
         material = Material(grey, torch.full((4, 4, 1), ROUGHNESS, device=device))
         generator = torch.Generator(device=device).manual_seed(seed)
-        photographs = problem.photographs
-        believed = ~photographs.left_out if photographs.known is None else ~photographs.left_out & photographs.known[:, 0]
-        entries = torch.nonzero(believed if bool(believed.any()) else torch.ones_like(believed))[:, 0]
-        colour, _ = light_of_the_mean_image(problem, entries, material, LIGHT_ROWS, generator)
+        colour, _ = light_of_the_mean_image(problem, problem.photographs.known[:, 0], material, LIGHT_ROWS, generator)
         light = colour.expand(LIGHT_ROWS, 2 * LIGHT_ROWS, 3).clone()
         return Result(TexturedReconstruction(problem.stage, material, light, coat=problem.render.coat))

@@ -45,8 +45,7 @@ def reconstruct(name: str, method: Method, problem: Problem, *, seed: int, monit
 def checked_result(name: str, result: Any) -> Result:  # noqa: ANN401 (whatever the method returned)
     """``result`` with numbers of Python's own, if it is what the contract says."""
     who = f"method {name}: fit()"
-    if not isinstance(result, Result):
-        raise PluginError(f"{who}: expected ia_bench.methods.contract.Result, found {type(result).__name__}")
+    _expect(isinstance(result, Result), who, "ia_bench.methods.contract.Result", result)
     seconds = {what: float(value) for what, value in _numbers(f"{who}: seconds", result.seconds, Real)}
     counters = {what: int(value) for what, value in _numbers(f"{who}: counters", result.counters, Integral)}
     ((_, steps),) = _numbers(who, {"steps": result.steps}, Integral)
@@ -64,9 +63,7 @@ def checked_reconstruction(name: str, found: Any) -> Reconstruction:  # noqa: AN
     who = f"method {name}: reconstruction"
     with nullcontext() if _built_in(found) else at_work("method", name):
         sound = isinstance(found, Reconstruction) and isinstance(found.renderer, str) and bool(found.renderer)
-    if not sound:
-        expected = "maps, render, assets, environment and the name of a renderer"
-        raise PluginError(f"{who}: expected {expected}, found {type(found).__name__}")
+    _expect(sound, who, "maps, render, assets, environment and the name of a renderer", found)
     if isinstance(found, TexturedReconstruction):
         for part, channels in (("albedo", 3), ("roughness", 1), ("metallic", 1)):
             texture = getattr(found.material, part)
@@ -84,9 +81,7 @@ def checked_reconstruction(name: str, found: Any) -> Reconstruction:  # noqa: AN
 def checked_part(kind: Kind, name: str, found: Any) -> Any:  # noqa: ANN401 (whatever the plugin made)
     """A coupling or a regulariser as it is if it is built in, else one whose every answer is checked; PluginError for none."""
     expected, answers = ANSWERS[kind]
-    if not isinstance(found, expected):
-        who = f"{kind} {name}: expected a {expected.__module__}.{expected.__name__}"
-        raise PluginError(f"{who}, found {type(found).__name__}")
+    _expect(isinstance(found, expected), f"{kind} {name}", f"a {expected.__module__}.{expected.__name__}", found)
     return found if _built_in(found) else Checked(kind, name, found, answers)
 
 
@@ -117,6 +112,12 @@ class Checked:
         return call
 
 
+def _expect(holds: bool, who: str, expected: str, found: object) -> None:
+    """Raise PluginError, saying of what type ``found`` is, unless it ``holds``."""
+    if not holds:
+        raise PluginError(f"{who}: expected {expected}, found {type(found).__name__}")
+
+
 def _built_in(what: object) -> bool:
     return type(what).__module__.partition(".")[0] == BUILT_IN
 
@@ -125,8 +126,7 @@ def _built_in(what: object) -> bool:
 
 
 def _maps(who: str, maps: Any, cameras: Sequence[Camera], *_: object) -> dict[str, Images]:  # noqa: ANN401
-    if not isinstance(maps, Mapping):
-        raise PluginError(f"{who}: expected a mapping, found {type(maps).__name__}")
+    _expect(isinstance(maps, Mapping), who, "a mapping", maps)
     channels = {"albedo": (3,)}
     return {what: _images(f"{who}: {what}", images, cameras, channels.get(what, ())) for what, images in maps.items()}
 
@@ -137,8 +137,7 @@ def _render(who: str, images: Any, cameras: Sequence[Camera]) -> Images | None: 
 
 def _images(who: str, images: Any, cameras: Sequence[Camera], channels: tuple[int, ...]) -> Images:  # noqa: ANN401
     """``images``, if there is one of the right shape for every camera; NaN in them makes scores undefined, with a reason."""
-    if not isinstance(images, Images):
-        raise PluginError(f"{who}: expected {Images.__module__}.Images, found {type(images).__name__}")
+    _expect(isinstance(images, Images), who, f"{Images.__module__}.Images", images)
     expected = [(camera.height, camera.width, *channels) for camera in cameras]
     found, types = [image.shape for image in images.images], sorted({str(image.dtype) for image in images.images})
     if found != expected or {image.dtype.kind for image in images.images} - {"f"}:
@@ -149,8 +148,8 @@ def _images(who: str, images: Any, cameras: Sequence[Camera], channels: tuple[in
 def _assets(who: str, assets: Any) -> Assets | None:  # noqa: ANN401
     if assets is None:
         return None
-    if not isinstance(assets, Assets) or not isinstance(assets.mesh, Mesh):
-        raise PluginError(f"{who}: expected {Assets.__module__}.Assets with a mesh, or None, found {type(assets).__name__}")
+    sound = isinstance(assets, Assets) and isinstance(assets.mesh, Mesh)
+    _expect(sound, who, f"{Assets.__module__}.Assets with a mesh, or None", assets)
     for part, shape in {"albedo": "(T, T, 3)", "roughness": "(T, T)", "metallic": "(T, T)", "light": "(H, 2 H, 3)"}.items():
         if getattr(assets, part) is not None or part in ("albedo", "roughness"):
             _values(f"{who}: {part}", getattr(assets, part), shape, most=BRIGHTEST if part == "light" else 1)
@@ -158,8 +157,7 @@ def _assets(who: str, assets: Any) -> Assets | None:  # noqa: ANN401
 
 
 def _environment(who: str, light: Any) -> Environment | None:  # noqa: ANN401
-    if light is not None and not isinstance(light, Environment):
-        raise PluginError(f"{who}: expected radiance(directions) and latlong(height), found {type(light).__name__}")
+    _expect(light is None or isinstance(light, Environment), who, "radiance(directions) and latlong(height)", light)
     if isinstance(light, LatLongEnvironment):
         device = light.texels.device.type if isinstance(light.texels, Tensor) else "cpu"
         _values(f"{who}: light", light.texels, "(H, 2 H, 3)", device, BRIGHTEST)
@@ -174,8 +172,7 @@ def _used(who: str, used: Any, provides: frozenset[str]) -> frozenset[str]:  # n
 
 
 def _losses(who: str, losses: Any, *_: object) -> dict[str, Tensor]:  # noqa: ANN401
-    if not isinstance(losses, Mapping):
-        raise PluginError(f"{who}: expected a mapping of names to losses, found {type(losses).__name__}")
+    _expect(isinstance(losses, Mapping), who, "a mapping of names to losses", losses)
     for what, value in losses.items():
         if not isinstance(what, str) or not isinstance(value, Tensor) or value.shape != () or value.dtype != torch.float32:
             shown = f"a tensor {tuple(value.shape)} of {value.dtype}" if isinstance(value, Tensor) else f"{value!r:.100}"
@@ -184,8 +181,7 @@ def _losses(who: str, losses: Any, *_: object) -> dict[str, Tensor]:  # noqa: AN
 
 
 def _moved(who: str, moved: Any, material: Material, *_: object) -> Material:  # noqa: ANN401
-    if not isinstance(moved, Material):
-        raise PluginError(f"{who}: expected a {Material.__module__}.Material, found {type(moved).__name__}")
+    _expect(isinstance(moved, Material), who, f"a {Material.__module__}.Material", moved)
     for part, channels in (("albedo", 3), ("roughness", 1)):
         given, found = getattr(material, part), getattr(moved, part)
         _values(f"{who}: {part}", found, f"(T, T, {channels})", given.device.type)
@@ -206,8 +202,7 @@ TO_BE_DEFINED = Coupling.prepare, Coupling.loss, Regulariser.apply
 
 def _numbers(who: str, values: Any, kind: type) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
     """The items of a mapping of names to numbers that are >= 0 and finite, and whole where ``kind`` is Integral."""
-    if not isinstance(values, Mapping):
-        raise PluginError(f"{who}: expected a mapping of names to numbers, found {type(values).__name__}")
+    _expect(isinstance(values, Mapping), who, "a mapping of names to numbers", values)
     for what, value in values.items():
         number = isinstance(value, kind) and not isinstance(value, bool)
         if not (isinstance(what, str) and what.isprintable() and number and 0 <= value < MOST):  # also not NaN

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Protocol, runtime_checkable
 
+import torch
 from pydantic import Field
 from torch import Tensor
 
@@ -88,15 +89,16 @@ class Observations:
 
     def copy(self) -> Observations:
         """The same in memory of its own."""
-        return self._each(lambda tensor: tensor.clone())
+        return self.each(torch.clone)
 
     def select(self, rows: list[int]) -> Observations:
         """Some of the images, in the order of ``rows``."""
-        views = None if self.views is None else tuple(self.views[row] for row in rows)
-        names = None if self.names is None else tuple(self.names[row] for row in rows)
-        return replace(self._each(lambda tensor: tensor[rows]), views=views, names=names)
+        views = self.views and tuple(self.views[row] for row in rows)
+        names = self.names and tuple(self.names[row] for row in rows)
+        return replace(self.each(lambda tensor: tensor[rows]), views=views, names=names)
 
-    def _each(self, change: Callable[[Tensor], Tensor]) -> Observations:
+    def each(self, change: Callable[[Tensor], Tensor]) -> Observations:
+        """The same with every tensor (V, ...) changed."""
         changed: dict[str, Any] = {name: change(value) for name, value in vars(self).items() if isinstance(value, Tensor)}
         truth = None if self.truth is None else {name: change(tensor) for name, tensor in self.truth.items()}
         return replace(self, **changed, truth=truth)

@@ -16,7 +16,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import torch
@@ -30,7 +30,7 @@ from ia_bench.common.errors import InputError, expect_distinct
 from ia_bench.common.files import read_json, shown, user_path
 from ia_bench.common.ranges import Positive
 from ia_bench.common.seeds import derive_seed
-from ia_bench.common.settings import parsed
+from ia_bench.common.settings import parsed, parsed_file
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion.encoding import Frame, exposure, resized, window
 from ia_bench.readers.pictures import SUFFIXES
@@ -80,6 +80,7 @@ class About:
     views: dict[str, Any] = field(default_factory=dict)
 
 
+@dataclass(kw_only=True, eq=False)
 class FilesPrior:
     """A sample of a view is one of the pictures that lie there for it, drawn by the seed; a single one is always taken.
 
@@ -87,14 +88,27 @@ class FilesPrior:
     by the view's mask. Where its alpha covers nothing, the nearest colour stands. Specular shading is in the units of the
     photograph, divided by the exposure that it was shown with.
 
-    ``path``: the folder. ``albedo``, ``specular``: where pictures lie below it, "*" standing for the name of a view:
-    ``albedo/*`` by default means albedo/VIEW.png (or .exr, .npy, ...), or all pictures in a folder albedo/VIEW. ``encoding``:
-    "srgb" or "linear". ``alpha``: "straight", or "premultiplied" where edges fade to black. ``sees_truth``: whether the predictions
-    were made with knowledge of the truth; such a prior is marked in every table.
-
     An option wins over predictions.json, which may differ by component; an encoding or an alpha that neither says is asked for and
-    never guessed. Raises InputError.
+    never guessed.
+
+    Attributes:
+        path: The folder.
+        albedo, specular: Where pictures lie below it, "*" standing for the name of a view: ``albedo/*`` by default means
+            albedo/VIEW.png (or .exr, .npy, ...), or all pictures in a folder albedo/VIEW.
+        encoding: "srgb" or "linear".
+        alpha: "straight", or "premultiplied" where edges fade to black.
+        sees_truth: Whether the predictions were made with knowledge of the truth; such a prior is marked in every table.
+
+    Raises:
+        InputError: There are no such pictures, or nobody says what they mean.
     """
+
+    path: str | None = None
+    albedo: str | None = None
+    specular: str | None = None
+    encoding: Encoding | None = None
+    alpha: Alpha | None = None
+    sees_truth: bool | None = None
 
     @classmethod
     def resolved_options(cls, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -109,39 +123,32 @@ class FilesPrior:
         pictures = [path for stored in made._stored.values() for path in made._all(stored)]
         return [path for path in (made._folder / ABOUT, *pictures) if path.is_file()]
 
-    def __init__(
-        self,
-        *,
-        path: str | None = None,
-        albedo: str | None = None,
-        specular: str | None = None,
-        encoding: Encoding | None = None,
-        alpha: Alpha | None = None,
-        sees_truth: bool | None = None,
-    ) -> None:
-        if path is None:
+    def __post_init__(self) -> None:
+        if self.path is None:
             raise InputError("prior=files: expected prior.options.path=FOLDER, the folder of the predictions, found none")
-        self._folder = user_path("prior.options.path", path, folder=True)
+        self._folder = user_path("prior.options.path", self.path, folder=True)
         place = self._folder / ABOUT
-        about = parsed(About, read_json(place) if place.exists() else {}, f"{place}: ")
+        about = parsed_file(About, place, read_json(place) if place.exists() else {})
         self._views = {name: parsed(PictureOf, view, f"{place}: views.{name}") for name, view in about.views.items()}
         self._stored: dict[str, Stored] = {}
-        for name, given, said in zip(COMPONENTS, (albedo, specular), (about.albedo, about.specular), strict=True):
-            stored = Stored(given or said.files or f"{name}/*", encoding or said.encoding, alpha or said.alpha)
+        for name in COMPONENTS:
+            said = getattr(about, name)
+            files = getattr(self, name) or said.files
+            stored = Stored(files or f"{name}/*", self.encoding or said.encoding, self.alpha or said.alpha)
             if self._all(stored):
                 self._stored[name] = stored
-            elif given or said.files:
+            elif files:
                 raise InputError(f"{self._folder}: expected pictures of {name} as {shown(stored.files)}, found none")
         if not self._stored:
-            raise InputError(
-                f"{self._folder}: expected predictions as albedo/VIEW.png (or .exr, .npy, ...), or specular/, found none"
-            )
-        for name, key in ((name, key) for name in self._stored for key in ("encoding", "alpha")):
-            if getattr(self._stored[name], key) is None:
-                choices = " or ".join(("linear", "srgb") if key == "encoding" else ("straight", "premultiplied"))
-                raise InputError(f"{place}: {name}.{key}: expected {choices}, there or as prior.options.{key}, found nothing")
+            expected = "predictions as albedo/VIEW.png (or .exr, .npy, ...), or specular/"
+            raise InputError(f"{self._folder}: expected {expected}, found none")
+        for name, stored in self._stored.items():
+            for key, choices in (("encoding", Encoding), ("alpha", Alpha)):
+                if getattr(stored, key) is None:
+                    expected = f"{' or '.join(get_args(choices))}, there or as prior.options.{key}"
+                    raise InputError(f"{place}: {name}.{key}: expected {expected}, found nothing")
         several = any(path.parent != self._path(one, "x").parent for one in self._stored.values() for path in self._all(one))
-        sees_truth = about.sees_truth if sees_truth is None else sees_truth
+        sees_truth = about.sees_truth if self.sees_truth is None else self.sees_truth
         self.info = PriorInfo(frozenset(self._stored), several, sees_truth=sees_truth, declared=about.declared)
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:

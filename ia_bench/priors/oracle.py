@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -25,37 +26,36 @@ MAX_SCALE = 10.0
 Spread = Annotated[float, Field(ge=0, le=MAX_SCALE)]
 
 
+@dataclass(kw_only=True, eq=False)
 class OraclePrior:
     """Per view, sample = exp(a) truth baked + inconsistency + noise, inside the mask.
-
-    ``scale``: standard deviation of the log scale a, one draw per view. ``noise``: of white pixel noise (in units of the
-    component's mean over all images asked about). ``baked``: exponent beta of shading left in the albedo, which is multiplied by
-    (luminance / mean luminance of the image)^beta. ``inconsistency``: standard deviation (same units) of smooth patches,
-    drawn anew per view, of ``patch`` pixels.
 
     Guidance has a closed form, because the random part is Gaussian: with per-pixel prior variance
     v = noise^2 + inconsistency^2 + (scale truth)^2 and ``guidance_strength`` s (an inverse variance), the sample
     moves to (sample / v + s render) / (1 / v + s), the mean of the product of the two Gaussians around the sample drawn.
     s = 0 returns the unguided sample to the bit, and so does an exact oracle (v = 0) at any strength.
+
+    Attributes:
+        components: What it provides.
+        scale: Standard deviation of the log scale a, one draw per view.
+        noise: That of white pixel noise, in units of the component's mean over all images asked about.
+        baked: Exponent beta of shading left in the albedo, which is multiplied by (luminance / mean luminance of the image)^beta.
+        inconsistency: Standard deviation (same units) of smooth patches, drawn anew per view.
+        patch: Size of a smooth patch in pixels.
     """
 
-    def __init__(
-        self,
-        *,
-        components: Iterable[Literal["albedo", "specular"]] = ("albedo", "specular"),
-        scale: Spread = 0.0,
-        noise: NotNegative = 0.0,
-        baked: NotNegative = 0.0,
-        inconsistency: NotNegative = 0.0,
-        patch: NotNegative = 8.0,
-        guidance_strength: NotNegative = 100.0,
-    ) -> None:
-        self.scale, self.noise, self.baked, self.inconsistency, self.patch = scale, noise, baked, inconsistency, patch
-        self.guidance_strength = guidance_strength
-        stochastic = any((scale, noise, inconsistency))
-        self.info = PriorInfo(
-            frozenset(components), stochastic, guidable=True, sees_truth=True, wants=frozenset({"truth"}), coupling="targets"
-        )
+    components: Iterable[Literal["albedo", "specular"]] = ("albedo", "specular")
+    scale: Spread = 0.0
+    noise: NotNegative = 0.0
+    baked: NotNegative = 0.0
+    inconsistency: NotNegative = 0.0
+    patch: NotNegative = 8.0
+    guidance_strength: NotNegative = 100.0
+
+    def __post_init__(self) -> None:
+        stochastic = any((self.scale, self.noise, self.inconsistency))
+        provides, wants = frozenset(self.components), frozenset({"truth"})
+        self.info = PriorInfo(provides, stochastic, guidable=True, sees_truth=True, wants=wants, coupling="targets")
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`. An image's draw is seeded by its place among the others."""

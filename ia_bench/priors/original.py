@@ -10,6 +10,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -35,51 +36,55 @@ RECORD = "source.json"
 """File of a folder of weights that says where they come from; the converter writes it last."""
 LATENT_RANGE = (-20.0, 20.0)
 """Clip of the estimated latents, which have unit standard deviation: no sample reaches it, runaway guidance ends there."""
-VERSION = 3
-"""Part of the fingerprint; raised when a change of the code changes samples."""
+VERSION = 3  # part of the fingerprint; raised when a change of the code changes samples
 
 
+@dataclass(kw_only=True, eq=False)
 class IntrinsicAnythingPrior:
     """Latent diffusion of albedo and of specular shading given an image, at 256 x 256.
 
-    ``weights``: folder with what ``python -m ia_bench_training.convert_weights`` wrote, a folder a component.
-    ``steps``, ``eta``: of DDIM; the authors' are 100 (200 for high-resolution patches) and 1. ``guidance_strength``: the authors'
-    scale, recommended from 2 to 5 (:func:`pull`). ``batch``: images at a time, which changes no sample beyond rounding.
-    ``device``: "auto", "cpu", "cuda". Its cost counts guided estimates and those whose step was cut. Raises InputError.
+    Its cost counts guided estimates and those whose step was cut.
+
+    Attributes:
+        weights: Folder with what ``python -m ia_bench_training.convert_weights`` wrote, a folder a component.
+        steps, eta: Of DDIM; the authors' are 100 (200 for high-resolution patches) and 1.
+        guidance_strength: The authors' scale, recommended from 2 to 5 (:func:`pull`).
+        batch: Images at a time, which changes no sample beyond rounding.
+        device: "auto", "cpu" or "cuda".
+
+    Raises:
+        InputError: There are no such weights.
     """
+
+    weights: str | None = None
+    steps: Number = 100
+    eta: UnitInterval = 1.0
+    guidance_strength: NotNegative = 3.0
+    batch: Number = 8
+    device: Device = "auto"
 
     @classmethod
     def files(cls, options: Mapping[str, Any]) -> list[str]:
         """What samples depend on beside code and options: the weights."""
         return [options["weights"]] if options.get("weights") else []
 
-    def __init__(
-        self,
-        *,
-        weights: str | None = None,
-        steps: Number = 100,
-        eta: UnitInterval = 1.0,
-        guidance_strength: NotNegative = 3.0,
-        batch: Number = 8,
-        device: Device = "auto",
-    ) -> None:
-        self._folder = Path(weights or "").expanduser()
-        used = [name for name in COMPONENTS if weights and is_file(self._folder / name / RECORD)]
+    def __post_init__(self) -> None:
+        self._folder = Path(self.weights or "").expanduser()
+        used = [name for name in COMPONENTS if self.weights and is_file(self._folder / name / RECORD)]
         if not used:
             expected = f"albedo/{RECORD} or specular/{RECORD} as python -m ia_bench_training.convert_weights writes it"
-            raise InputError(f"prior.options.weights={weights}: expected {expected}, found none")
+            raise InputError(f"prior.options.weights={self.weights}: expected {expected}, found none")
         self._records = {name: read_json(self._folder / name / RECORD).get("sha256") for name in used}
         self._side = int(read_json(self._folder / used[0] / "vae" / "config.json").get("sample_size", 256))
         self.info = PriorInfo(frozenset(used), stochastic=True, guidable=True, resolution=self._side, coupling="targets")
-        self._device = choose_device(device)
-        self._settings = SamplerSettings(steps, eta, "leading", LATENT_RANGE)
-        self._batch, self.guidance_strength = batch, guidance_strength
+        self._device = choose_device(self.device)
+        self._settings = SamplerSettings(self.steps, self.eta, "leading", LATENT_RANGE)
         self._networks = cache(lambda component: Networks(self._folder / component, self._device))
 
     @property
     def fingerprint(self) -> str:
         """What decides the samples: this code's version, the options, the hashes of the checkpoints, the precision."""
-        options = (self._settings.steps, self._settings.eta, self.guidance_strength, self._side, self._device.type)
+        options = (self.steps, self.eta, self.guidance_strength, self._side, self._device.type)
         return json.dumps([type(self).__qualname__, VERSION, options, self._records], sort_keys=True)
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
@@ -97,15 +102,15 @@ class IntrinsicAnythingPrior:
 
         for component, sampled in samples.items():
             networks, render = self._networks(component), (guidance or {}).get(component)
-            for start in range(0, len(frames), self._batch):
-                views = list(frames)[start : start + self._batch]
+            for start in range(0, len(frames), self.batch):
+                views = list(frames)[start : start + self.batch]
                 number = COMPONENTS.index(component)
                 seeds = [derive_seed(seed, number, content_number(images[view], masks[view])) for view in views]
                 denoise = networks.bind(squares(images, views))
                 if render is not None and self.guidance_strength:
                     denoise = self._guided(networks, denoise, squares(render, views), cost)
                 latents = sample(denoise, networks.schedule, (len(views), *networks.shape), seeds, self._settings, self._device)
-                cost["network_calls"] += self._settings.steps * len(views)
+                cost["network_calls"] += self.steps * len(views)
                 with torch.no_grad():
                     drawn = networks.decode(latents).cpu()
                 for view, square in zip(views, drawn.movedim(1, -1) ** GAMMA, strict=True):

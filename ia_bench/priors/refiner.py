@@ -17,11 +17,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.ranges import Number
 from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.diffusion.encoding import box_of
 from ia_bench.priors.diffusion.learned import RegressorPrior, weights_folder
-from ia_bench.priors.inputs import Device, Precision
 from ia_bench.priors.weight_files import fill, read_description
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 
@@ -40,14 +38,13 @@ OFFSET = 0.02
 """It is added to both sides of a quotient of which the network sees the logarithm, so that black has one."""
 LEAST_COVERAGE = 0.02
 """Premultiplied values are divided by the coverage of their pixel, or by this where it is less."""
-EMPTY = 0.02
-"""A pixel that the object covers no more than this shows nothing."""
+EMPTY = 0.02  # a pixel that the object covers no more than this shows nothing
 SHADING_STOPS, SHADING_SCALE = 6, 0.3
 """The log2 of the shading is clipped to so many stops up and down, and multiplied so that it is about as large as the rest."""
-VIEW_COUNT_SCALE = 6
-"""The log2 of 1 + view_count is divided by this: 63 photographs that show a place are a 1."""
+VIEW_COUNT_SCALE = 6  # the log2 of 1 + view_count is divided by this: 63 photographs that show a place are a 1
 
 
+@dataclass(kw_only=True, eq=False)
 class RefinerPrior(RegressorPrior):
     """The regressor, and beside it a network that was trained on fits of procedural scenes.
 
@@ -56,31 +53,27 @@ class RefinerPrior(RegressorPrior):
     roughness as such fits have them when they are right. Those several are all photographs of the fit in training, and in a run
     those that the prior is asked about (with prior.views=auto about a third of a hundred, say).
 
-    ``refiner``: its weights, a folder that ia_bench_training.train_refiner wrote, or None for the packaged ones. Other options as
-    in :class:`ia_bench.priors.diffusion.learned.LearnedPrior`; ``weights`` are the regressor's. The fingerprint
-    is that of the samples, on which the refiner's weights have no influence.
+    The fingerprint is that of the samples, on which the refiner's weights have no influence.
 
-    Raises InputError for weights that cannot be used.
+    Attributes:
+        refiner: The network's weights, a folder that ia_bench_training.train_refiner wrote, or None for the packaged ones;
+            ``weights`` are the regressor's.
+
+    Raises:
+        InputError: The weights cannot be used.
     """
+
+    refiner: str | None = None
 
     @classmethod
     def files(cls, options: Mapping[str, Any]) -> list[Path]:
         """The weights of both networks."""
         return [*super().files(options), weights_folder(options.get("refiner"), "refiner")]
 
-    def __init__(
-        self,
-        *,
-        weights: str | None = None,
-        refiner: str | None = None,
-        geometry: bool = False,
-        batch: Number = 64,
-        precision: Precision = "auto",
-        device: Device = "auto",
-    ) -> None:
-        super().__init__(weights=weights, geometry=geometry, batch=batch, precision=precision, device=device)
+    def __post_init__(self) -> None:
+        super().__post_init__()
         self.info = replace(self.info, wants=WANTS)
-        self._network = load_refiner(weights_folder(refiner, "refiner")).to(self._device)
+        self._network = load_refiner(weights_folder(self.refiner, "refiner")).to(self._device)
 
     @torch.no_grad()
     def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:

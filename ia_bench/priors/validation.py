@@ -14,10 +14,8 @@ from ia_bench.common.registry import at_work
 from ia_bench.common.settings import check_fields
 from ia_bench.priors.contract import Distiller, Observations, Prior, PriorInfo, Refiner, Samples
 
-ABOVE = 0.01
-"""An albedo so little beyond its range is one of rounding, or of an interpolation."""
-MOST = 2**63
-"""Counters and seconds are below it."""
+ABOVE = 0.01  # an albedo so little beyond its range is one of rounding, or of an interpolation
+MOST = 2**63  # counters and seconds are below it
 LARGEST = 1e6
 """Linear values above this, and negative ones, are counted: no scene has them, but nothing breaks because of them."""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -61,12 +59,3 @@ def fill(module: nn.Module, path: Path) -> None:
     if left:
         raise InputError(f"{path}: {left[0]}: a tensor that the config has no place for")
     module.load_state_dict({name: value.float() for name, value in weights.items()})
-
-
-def content_hash(files: Iterable[Path]) -> str:
-    """SHA-256 (hex) over the names and contents of those ``files`` that exist."""
-    digest = hashlib.sha256()
-    for path in files:
-        if path.is_file():
-            digest.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()

@@ -1,13 +1,13 @@
 """What every reader of other people's data does alike: its options, its mesh, and which views it keeps."""
 
-from __future__ import annotations
-
+# Annotations are no texts in this file: options of a subclass are checked by their types, which its own file need not import.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, Literal, TypeVar
+from typing import Annotated, ClassVar, Literal, TypeVar
 
 import numpy as np
+from pydantic import Field
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import files_below, user_path
@@ -20,8 +20,6 @@ from ia_bench.scenes.scene import Mesh, Scene, Truth, View
 T = TypeVar("T")
 DATA = (*SUFFIXES, ".hdr", ".json", ".txt", ".npy", ".npz", ".bin", ".ply", ".obj", ".mtl", ".glb", ".gltf")
 """Suffixes, in lower case, of the files that readers open."""
-
-SELDOM = 1000  # photographs, of which one is held out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,17 +38,13 @@ class FolderReader:
     path: Path | None = field(kw_only=False)
     mesh: str | None = None
     uv: Literal["mesh", "xatlas"] = "mesh"
-    shrink: int = 1
-    held_out: int | None = None
+    shrink: Annotated[int, Field(ge=1)] = 1
+    held_out: Annotated[int, Field(ge=1)] | None = None
 
     def __post_init__(self) -> None:
-        """Check the options. Raises InputError for no folder, and for numbers below 1."""
+        """Raise InputError where no folder was given."""
         if self.path is None:
             raise InputError(f"reader={self.format}: expected scene.path=FOLDER, found none")
-        for key in ("shrink", "held_out"):
-            value = getattr(self, key)
-            if value is not None and value < 1:
-                raise InputError(f"reader.options.{key}: expected 1 or more, found {value}")
 
     @property
     def folder(self) -> Path:
@@ -121,7 +115,7 @@ class FolderReader:
         return Scene(
             name=self.label,
             source=source,
-            mesh=loaded if loaded is None or place is None else placed(loaded, place),
+            mesh=loaded if loaded is None or place is None else _placed(loaded, place),
             train=tuple(train),
             test=tuple(map(_held_out, test)),
             novel=tuple(map(_held_out, novel)),
@@ -132,28 +126,26 @@ class FolderReader:
 
 @dataclass(frozen=True, kw_only=True)
 class UnsplitReader(FolderReader):
-    """A reader of photographs in one list, with no truth.
+    """A reader of photographs that may come in one list, with no truth.
 
     Attributes:
-        every: Every so many-th photograph is held out, from the first on.
+        every: Every so many-th photograph of a list is held out, from the first on.
     """
 
-    every: int = 8
+    every: Annotated[int, Field(ge=2, le=1000)] = 8
+
+    def split(self, photographs: Sequence[T]) -> tuple[list[T], list[T]]:
+        """The photographs to fit, and those that are held out."""
+        training = [photograph for place, photograph in enumerate(photographs) if place % self.every]
+        return training, list(photographs[:: self.every])
 
     def unsplit(self, count: int, view: Callable[[int], View], notes: list[str], place: np.ndarray | None = None) -> Scene:
         """The scene of ``count`` photographs, in their order; ``place`` as of :meth:`scene`. Raises InputError for too few."""
-        expect_every(self.every)
-        held_out, training = self.kept(range(0, count, self.every)), [number for number in range(count) if number % self.every]
+        training, held_out = self.split(range(count))
         if len(training) < 2:
             raise InputError(f"{self.folder}: expected at least 4 photographs, found {count}")
-        train, test = ([self.view(view(number)) for number in numbers] for numbers in (training, held_out))
+        train, test = ([self.view(view(number)) for number in numbers] for numbers in (training, self.kept(held_out)))
         return self.scene(train=train, test=test, novel=test, notes=notes, place=place)
-
-
-def expect_every(every: int) -> None:
-    """Raise InputError unless every so many-th photograph can be held out, and the others fitted."""
-    if not 2 <= every <= SELDOM:
-        raise InputError(f"reader.options.every: expected 2 to {SELDOM}, found {every}")
 
 
 def _held_out(view: View) -> View:
@@ -162,7 +154,7 @@ def _held_out(view: View) -> View:
     return replace(view, valid=None if known.all() else known)
 
 
-def placed(mesh: Mesh, place: np.ndarray) -> Mesh:
+def _placed(mesh: Mesh, place: np.ndarray) -> Mesh:
     """The mesh moved by a rotation, one scale and a translation (4, 4)."""
     turned = place[:3, :3] / np.cbrt(np.linalg.det(place[:3, :3]))
     vertices = mesh.vertices @ place[:3, :3].T + place[:3, 3]

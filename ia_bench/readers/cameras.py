@@ -131,13 +131,15 @@ def plain(name: object) -> str:
     return os.path.normpath(str(name).replace("\\", "/"))
 
 
-def camera(where: str, frame: Mapping[str, Any], width: int, height: int) -> Camera:
-    """The camera of a frame of transforms.json: transform_matrix and camera_angle_x, or fl_x, fl_y, and cx, cy, in pixels."""
+def camera(where: str, frame: Mapping[str, Any], shape: tuple[int, ...]) -> Camera:
+    """The camera of a frame of transforms.json: transform_matrix and camera_angle_x, or fl_x, fl_y, and cx, cy, in pixels.
+
+    Its photograph is of ``shape`` (H, W, ...).
+    """
+    height, width = shape[:2]
     to_world = rigid(where, "transform_matrix", frame.get("transform_matrix"))
     if "fl_x" in frame:
-        focal = number(where, frame, "fl_x"), number(where, frame, "fl_y" if "fl_y" in frame else "fl_x")
-        if min(focal) <= 0:
-            raise InputError(f"{where}: fl_x, fl_y: expected a positive focal length, found {focal}")
+        focal = positive(where, frame, "fl_x"), positive(where, frame, "fl_y" if "fl_y" in frame else "fl_x")
     elif "camera_angle_x" in frame:
         focal = (focal_of(where, "camera_angle_x", number(where, frame, "camera_angle_x"), width),) * 2
     else:
@@ -146,25 +148,20 @@ def camera(where: str, frame: Mapping[str, Any], width: int, height: int) -> Cam
     return Camera(to_world, focal, (number(where, middle, "cx"), number(where, middle, "cy")), width, height)
 
 
-def expect_size_of(where: str, frame: Mapping[str, Any], path: Path, width: int, height: int) -> None:
+def expect_size_of(where: str, frame: Mapping[str, Any], path: Path, shape: tuple[int, ...]) -> None:
     """Raise InputError where a frame of transforms.json says another ``w`` or ``h`` than its photograph ``path`` has."""
-    for key, size in (("w", width), ("h", height)):
+    for key, size in (("w", shape[1]), ("h", shape[0])):
         if key in frame and number(where, frame, key) != size:
             raise InputError(f"{path}: expected {key} = {frame[key]:g}, as {where} says, found {size}")
 
 
 # ---------------------------------------------------------------- matrices
-def from_opencv(to_world: np.ndarray) -> np.ndarray:
-    """An OpenCV camera-to-world matrix (4, 4) with the axes of OpenGL."""
-    return to_world @ OPENCV_AXES
-
-
 def from_world_to_camera(to_camera: np.ndarray) -> np.ndarray:
     """The OpenGL camera-to-world matrix (4, 4) of an OpenCV world-to-camera one, both without a scale."""
     to_world = np.eye(4)
     to_world[:3, :3] = to_camera[:3, :3].T
     to_world[:3, 3] = -to_camera[:3, :3].T @ to_camera[:3, 3]
-    return from_opencv(to_world)
+    return to_world @ OPENCV_AXES
 
 
 def from_projection(where: str, projection: np.ndarray, width: int, height: int) -> Camera:
@@ -188,7 +185,7 @@ def from_projection(where: str, projection: np.ndarray, width: int, height: int)
     to_world = np.eye(4)
     to_world[:3, :3], to_world[:3, 3] = rotation.T, -np.linalg.solve(left, projection[:, 3])
     centre = (float(intrinsic[0, 2]) + 0.5, float(intrinsic[1, 2]) + 0.5)
-    return Camera(from_opencv(to_world), (float(intrinsic[0, 0]), float(intrinsic[1, 1])), centre, width, height)
+    return Camera(to_world @ OPENCV_AXES, (float(intrinsic[0, 0]), float(intrinsic[1, 1])), centre, width, height)
 
 
 # ---------------------------------------------------------------- do cameras look at the object?

@@ -17,10 +17,9 @@ from ia_bench.common.files import file_below, read_json, shown
 from ia_bench.geometry.mesh import load_mesh
 from ia_bench.readers.cameras import Lens, camera, expect_size_of, frames_if_there, frames_of, lens, text
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS
-from ia_bench.readers.pictures import expect_size
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
-from ia_bench.scenes.photograph import HIGH_BIT_MODES, greyscale, open_picture
+from ia_bench.scenes.photograph import expect_size, greyscale, open_picture, picture_values
 from ia_bench.scenes.scene import Mesh, Scene, Truth, View
 
 DESCRIPTION = "scene.json"
@@ -101,8 +100,7 @@ class NativeReader:
         if lens(where, frame) != Lens():
             raise InputError(f"{where}: expected a pinhole camera without distortion, found a lens; reader=nerfstudio undoes one")
         image = read_exr(path, 4)
-        height, width = image.shape[:2]
-        expect_size_of(where, frame, path, width, height)
+        expect_size_of(where, frame, path, image.shape)
         radiance, mask = image[..., :3], image[..., 3]
         if mask.min() < 0 or mask.max() > 1 + 1e-3:
             raise InputError(f"{path}: alpha: expected values in [0, 1], found {mask.min():g} ... {mask.max():g}")
@@ -116,7 +114,7 @@ class NativeReader:
                 known[name] = values[..., 0] if channels == 1 else values
         return View(
             name=path.stem,
-            camera=camera(where, frame, width, height),
+            camera=camera(where, frame, image.shape),
             image=np.ascontiguousarray(radiance),
             mask=mask.clip(0, 1),
             light=text(where, frame, "light", "train"),
@@ -129,12 +127,7 @@ class NativeReader:
             return {name: find(self._folder, value, f"{where}.{name}") for name, value in description.get(key, {}).items()}
 
         textures = {name: (path, open_picture(path)) for name, path in listed("truth_textures", file_below).items()}
-        albedo = None
-        if "albedo" in textures:
-            path, picture = textures["albedo"]
-            in_colour = picture.mode not in HIGH_BIT_MODES  # which are grey, and would be cut at 255
-            values = np.asarray(picture.convert("RGB"), np.float32) / 255 if in_colour else greyscale(path, picture)[..., None]
-            albedo = srgb_to_linear(np.broadcast_to(values, (*values.shape[:2], 3)))
+        albedo = srgb_to_linear(picture_values(*textures["albedo"])[..., :3]) if "albedo" in textures else None
         roughness, metallic = (greyscale(*textures[name]) if name in textures else None for name in ("roughness", "metallic"))
         return Truth({name: read_exr(path, 3) for name, path in listed("lights", _light).items()}, albedo, roughness, metallic)
 

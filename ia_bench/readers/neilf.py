@@ -18,10 +18,10 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json
 from ia_bench.readers.base import FolderReader
 from ia_bench.readers.cameras import from_world_to_camera, numbers, rigid
-from ia_bench.readers.pictures import Encoding, Photo, expect_size, true_map
+from ia_bench.readers.pictures import Encoding, Photo, true_map
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
-from ia_bench.scenes.photograph import read_values
+from ia_bench.scenes.photograph import expect_size, read_values
 from ia_bench.scenes.scene import FROM_Y_UP, Camera, Scene, View
 
 VALIDATION = (9, 18, 30, 41, 50, 62, 73, 82, 94)  # of the paper's configuration for the synthetic scenes

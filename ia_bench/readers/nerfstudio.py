@@ -17,7 +17,7 @@ from typing import Any
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json
-from ia_bench.readers.base import FolderReader, expect_every
+from ia_bench.readers.base import UnsplitReader
 from ia_bench.readers.cameras import (
     NamedFrame,
     camera,
@@ -31,24 +31,23 @@ from ia_bench.readers.cameras import (
     positive,
     undistorted,
 )
-from ia_bench.readers.pictures import expect_size, photograph, picture_below
+from ia_bench.readers.pictures import mask_named, photograph, picture_below
+from ia_bench.scenes.photograph import expect_size
 from ia_bench.scenes.scene import Scene, View
 
 WHOLE, SPLIT = "transforms.json", ("transforms_train.json", "transforms_test.json")
 
 
 @dataclass(frozen=True, kw_only=True)
-class NerfstudioReader(FolderReader):
-    """Reads a folder with transforms.json.
+class NerfstudioReader(UnsplitReader):
+    """Reads a folder with transforms.json. ``every`` counts where no photographs are named, or there, to be held out.
 
     Attributes:
         masks: The folder of the masks that have no ``mask_path``.
-        every: Every so many-th photograph is held out where none are named, or there, to be.
     """
 
     format = "nerfstudio"
     masks: str = "masks"
-    every: int = 8
 
     def read(self, truth: bool) -> Scene:
         """The scene; such folders hold no truth, so held-out photographs are all that is scored. Raises InputError."""
@@ -91,9 +90,8 @@ class NerfstudioReader(FolderReader):
         return self._held_out_of(training, WHOLE, notes)
 
     def _held_out_of(self, frames: list[NamedFrame], name: str, notes: list[str]) -> tuple[list[NamedFrame], list[NamedFrame]]:
-        expect_every(self.every)
         notes.append(f"{name} names no test photographs: every {self.every}th of {len(frames)} is held out")
-        return [frame for place, frame in enumerate(frames) if place % self.every], frames[:: self.every]
+        return self.split(frames)
 
     def _is_there(self, frame: Mapping[str, Any]) -> bool:
         try:
@@ -107,11 +105,10 @@ class NerfstudioReader(FolderReader):
             path = self.folder / path.resolve().relative_to(self.folder.resolve())
         name = Path(plain(path.relative_to(self.folder)))
         photo = photograph(path, self._mask(where, name, frame), notes)
-        height, width = photo.mask.shape
-        expect_size_of(where, frame, path, width, height)
+        expect_size_of(where, frame, path, photo.mask.shape)
         if "exposure" in frame:
             photo = replace(photo, exposure=positive(where, frame, "exposure"))
-        view = photo.view(name.with_suffix("").as_posix(), camera(where, frame, width, height))
+        view = photo.view(name.with_suffix("").as_posix(), camera(where, frame, photo.mask.shape))
         like = sizes.setdefault(str([frame.get(key) for key in ("camera_angle_x", "fl_x", "fl_y", "cx", "cy")]), view)
         expect_size(path, view.mask.shape, like.mask.shape, f"{like.name} with the same intrinsics")  # one was cut or scaled
         return self.view(undistorted(where, view, lens(where, frame)))
@@ -120,6 +117,5 @@ class NerfstudioReader(FolderReader):
         """The file of a photograph's mask, None where its alpha has to be it."""
         if "mask_path" in frame:
             return file_below(self.folder, frame["mask_path"], f"{where}: mask_path")
-        masks, names = self.folder / self.masks, (f"{photo.stem}.png", f"{photo.name}.png")  # COLMAP's own masks keep the suffix
-        places = [place / name for place in (masks.joinpath(*photo.parent.parts[1:]), masks) for name in names]
-        return next((mask for mask in places if mask.is_file()), None)
+        masks = self.folder / self.masks
+        return mask_named(masks.joinpath(*photo.parent.parts[1:]), photo) or mask_named(masks, photo)

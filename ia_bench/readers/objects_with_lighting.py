@@ -15,12 +15,10 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, shown
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import (
-    from_world_to_camera,
-    rigid,
-)
-from ia_bench.readers.pictures import expect_size, tone_mapped
+from ia_bench.readers.cameras import from_world_to_camera, rigid
+from ia_bench.readers.pictures import tone_mapped
 from ia_bench.scenes.exr import read_light
+from ia_bench.scenes.photograph import expect_size
 from ia_bench.scenes.scene import Camera, Scene, Truth, View
 
 GAMMA = 2.2

@@ -13,24 +13,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.files import file_below
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import (
-    camera,
-    expect_each_once,
-    frames_of,
-    from_opencv,
-    number,
-    photographs,
-    share_away,
-    text,
-)
+from ia_bench.readers.cameras import camera, expect_each_once, frames_of, number, photographs, share_away, text
 from ia_bench.readers.contract import MESHES
 from ia_bench.readers.pictures import maps_below, photograph
-from ia_bench.scenes.scene import Scene, View
+from ia_bench.scenes.scene import OPENCV_AXES, Scene, View
 
 PHOTOS = "raw_undistorted"
 
@@ -47,14 +40,14 @@ class OpenIlluminationReader(FolderReader):
     """
 
     format = "openillumination"
-    shrink: int = 4
+    shrink: Annotated[int, Field(ge=1)] = 4
     pattern: str = "013"
     relight: list[str] | None = None
     lights: str | None = None
     axes: Literal["auto", "opencv", "opengl"] = "auto"
 
     def __post_init__(self) -> None:
-        """Check the options. Raises InputError for a light that is not there, too."""
+        """Check the options. Raises InputError for no folder, and for a light that is not there."""
         super().__post_init__()
         there = self.folder / "Lights"
         if not there.is_dir():
@@ -95,12 +88,12 @@ class OpenIlluminationReader(FolderReader):
         path = file_below(self.folder, f"Lights/{pattern}/{PHOTOS}/{name}.JPG", f"{where}: file_path")
         masks = "com_masks" if split == "train" else "obj_masks"
         photo = photograph(path, file_below(self.folder, f"output/{masks}/{name}.png", f"{where}: mask"), notes)
-        height, width = photo.mask.shape
+        width = photo.mask.shape[1]
         calibrated = number(where, {"calib_imgw": width, **frame}, "calib_imgw")
         if calibrated <= 0 or calibrated % width:  # photographs may have been made smaller since they were calibrated
             raise InputError(f"{path}: expected calib_imgw = {calibrated:g}, as {where} says, or a part of it, found {width}")
-        return photo.view(name, camera(where, frame, width, height))
+        return photo.view(name, camera(where, frame, photo.mask.shape))
 
 
 def _turned(view: View, flip: bool) -> View:
-    return replace(view, camera=replace(view.camera, to_world=from_opencv(view.camera.to_world))) if flip else view
+    return replace(view, camera=replace(view.camera, to_world=view.camera.to_world @ OPENCV_AXES)) if flip else view

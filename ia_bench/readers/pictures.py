@@ -19,7 +19,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, user_path
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_light
-from ia_bench.scenes.photograph import IGNORED, REDUCED, read_mask, read_photograph, read_values
+from ia_bench.scenes.photograph import IGNORED, REDUCED, expect_size, read_mask, read_photograph, read_values
 from ia_bench.scenes.scene import Camera, Truth, View
 
 Encoding = Literal["srgb", "linear"]
@@ -49,7 +49,7 @@ def picture_below(folder: Path, name: object, where: str) -> Path:
 
 def mask_beside(folder: Path, photo: Path) -> Path:
     """The mask of a photograph: NAME.png, or its whole name and .png, as COLMAP has it. Raises InputError where it is neither."""
-    found = _mask_named(folder, photo)
+    found = mask_named(folder, photo)
     if found is None:
         raise InputError(f"{photo}: expected a mask {folder / photo.stem}.png, found none")
     return found
@@ -62,13 +62,14 @@ def masks_of(folder: Path, photos: Sequence[Path], notes: list[str]) -> list[Pat
     """
     if not folder.is_dir():
         return [None] * len(photos)
-    if not any(_mask_named(folder, photo) for photo in photos) and len(masks := pictures_in(folder)) == len(photos):
+    if not any(mask_named(folder, photo) for photo in photos) and len(masks := pictures_in(folder)) == len(photos):
         notes.append(f"masks belong to photographs by their order: {masks[0].name} is that of {photos[0].name}")
         return [*masks]
     return [mask_beside(folder, photo) for photo in photos]
 
 
-def _mask_named(folder: Path, photo: Path) -> Path | None:
+def mask_named(folder: Path, photo: Path) -> Path | None:
+    """The mask of a photograph by its name, as :func:`mask_beside` has it, or None."""
     names = f"{photo.stem}.png", f"{photo.name}.png", photo.name
     return next((path for name in names if (path := folder / name).is_file()), None)
 
@@ -141,12 +142,6 @@ def tone_mapped(path: Path, mask: Path, decode: Callable[[np.ndarray], np.ndarra
     return Photo.of(decode(stored[..., :3]) * coverage[..., None], coverage, (stored[..., :3] >= 1).any(-1))
 
 
-def expect_size(path: Path, found: tuple[int, ...], expected: tuple[int, ...], like: str) -> None:
-    """Raise InputError unless an image of shape ``found`` has the height and width of ``expected``, those of ``like``."""
-    if found[:2] != expected[:2]:
-        raise InputError(f"{path}: expected {expected[1]} x {expected[0]} pixels like {like}, found {found[1]} x {found[0]}")
-
-
 # ---------------------------------------------------------------- truth
 def true_map(path: Path, mask: np.ndarray, encoding: Encoding, *, channels: int = 3) -> np.ndarray | None:
     """Albedo or roughness (H, W[, 3]) of a picture, premultiplied by the photograph's ``mask``; None where there is no file.
@@ -168,9 +163,13 @@ def true_normal(path: Path, mask: np.ndarray) -> np.ndarray | None:
         return None
     stored = read_values(path)
     expect_size(path, stored.shape, mask.shape, "its photograph")
-    normal = 2 * stored[..., :3] - 1
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1)
-    return (normal * mask[..., None]).astype(np.float32)
+    return masked_normal(2 * stored[..., :3] - 1, mask)
+
+
+def masked_normal(normal: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Normals (H, W, 3), those that are too long made unit vectors, premultiplied by ``mask``."""
+    unit = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1)
+    return (unit * mask[..., None]).astype(np.float32)
 
 
 # ---------------------------------------------------------------- lights

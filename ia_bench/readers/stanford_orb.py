@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.files import file_below
@@ -21,7 +22,7 @@ from ia_bench.light.environment import turned
 from ia_bench.readers.base import FolderReader
 from ia_bench.readers.cameras import NamedFrame, camera, frames_if_there, frames_of, text
 from ia_bench.readers.contract import MESHES
-from ia_bench.readers.pictures import photograph, true_map
+from ia_bench.readers.pictures import masked_normal, photograph, true_map
 from ia_bench.scenes.exr import read_light
 from ia_bench.scenes.photograph import read_array
 from ia_bench.scenes.scene import Scene, Truth, View
@@ -41,12 +42,12 @@ class StanfordOrbReader(FolderReader):
     """
 
     format = "stanford_orb"
-    shrink: int = 4
+    shrink: Annotated[int, Field(ge=1)] = 4
     capture: str | None = None
     radiance: Literal["hdr", "ldr"] = "hdr"
 
     def __post_init__(self) -> None:
-        """Check the options. Raises InputError for a capture that is not there, too."""
+        """Check the options. Raises InputError for no folder, and for a capture that is not there."""
         super().__post_init__()
         if not self._place.is_dir():
             raise InputError(f"{self.folder}: expected the dataset's folder, with {self._place.name} in it, found none")
@@ -110,8 +111,7 @@ class StanfordOrbReader(FolderReader):
         place = f"{self._place.name}/{capture}/{name.parent}"
         path = file_below(self.folder, f"{place}/{name.name}{SUFFIX[self.radiance]}", f"{where}: file_path")
         photo = photograph(path, file_below(self.folder, f"{place}_mask/{name.name}.png", f"{where}: mask"), notes)
-        height, width = photo.mask.shape
-        return photo.view(name.name, camera(where, frame, width, height))
+        return photo.view(name.name, camera(where, frame, photo.mask.shape))
 
     def _with_truth(self, view: View) -> View:
         """The view, of the photograph's size, with what ground_truth has of it; normals are there in the frame of the camera."""
@@ -120,13 +120,10 @@ class StanfordOrbReader(FolderReader):
         stored = self._array("pseudo_gt_albedo", view, 3, 1e3) if albedo is None else None
         if stored is not None:
             albedo = (stored.clip(0, 1) * view.mask[..., None]).astype(np.float32)
-        if normal is not None:
-            normal = normal @ view.camera.to_world[:3, :3].T
-            normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1)
         return replace(
             view,
             albedo=albedo,
-            normal=None if normal is None else (normal * view.mask[..., None]).astype(np.float32),
+            normal=None if normal is None else masked_normal(normal @ view.camera.to_world[:3, :3].T, view.mask),
             depth=None if depth is None else (depth[..., 0].clip(min=0) * view.mask).astype(np.float32),
         )
 

@@ -16,7 +16,8 @@ from typing import Any
 from ia_bench.common.files import file_below
 from ia_bench.readers.base import FolderReader
 from ia_bench.readers.cameras import camera, frames_if_there, frames_of, text
-from ia_bench.readers.pictures import Encoding, expect_size, maps_below, photograph, true_map
+from ia_bench.readers.pictures import Encoding, maps_below, photograph, true_map
+from ia_bench.scenes.photograph import expect_size
 from ia_bench.scenes.scene import Scene, View
 
 RELIT = "test_rli"
@@ -62,8 +63,7 @@ class Synthetic4RelightReader(FolderReader):
     def _view(self, where: str, frame: Mapping[str, Any], suffix: str, notes: list[str]) -> View:
         path = self._file(where, frame, suffix)
         photo = photograph(path, self._file(where, frame, "_mask.png") if suffix == "_rgb.exr" else None, notes)
-        height, width = photo.mask.shape
-        return photo.view(path.name.removesuffix(suffix), camera(where, frame, width, height))
+        return photo.view(path.name.removesuffix(suffix), camera(where, frame, photo.mask.shape))
 
     def _with_truth(self, where: str, frame: Mapping[str, Any], view: View) -> View:
         beside = self._file(where, frame, "_rgba.png").with_name

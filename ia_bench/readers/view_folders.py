@@ -19,7 +19,8 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json, shown
 from ia_bench.readers.base import FolderReader
 from ia_bench.readers.cameras import focal_of, number, rigid, text
-from ia_bench.readers.pictures import expect_size, maps_below, photograph, true_map, true_normal
+from ia_bench.readers.pictures import maps_below, photograph, true_map, true_normal
+from ia_bench.scenes.photograph import expect_size
 from ia_bench.scenes.scene import Camera, Scene, View
 
 TURNED = re.compile(r"_\d{3}$")  # the name of a light that TensoIR has turned by so many degrees

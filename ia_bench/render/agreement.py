@@ -54,8 +54,8 @@ def check_agreement(
         return found
     best, cause = max(GOOD, found + 0.1), usual
     for mistake, mended in mistakes.items():
-        cameras = [replace(view.camera, to_world=mended(view.camera.to_world)) for view in views]
-        otherwise = _agreement(rays, [replace(view, camera=camera) for view, camera in zip(views, cameras, strict=True)])
+        moved = [replace(view, camera=replace(view.camera, to_world=mended(view.camera.to_world))) for view in views]
+        otherwise = _agreement(rays, moved)
         if otherwise > best:
             best, cause = otherwise, f"with {mistake} it would be {otherwise:.2f}"
     message = f"{scene.source}: expected the mesh to cover the masks of the images, found {said}; {cause}"

@@ -19,7 +19,7 @@ import torch
 from PIL import Image
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.mesh import sound_mesh, turned_normals, unwrap
+from ia_bench.geometry.mesh import joined_normals, sound_mesh, turned_normals, unwrap
 from ia_bench.light.environment import turned
 from ia_bench.material.textures import fetch
 from ia_bench.render.asset_parts import OUTSIDE, Note, Part, Surface, read_parts, wound
@@ -70,11 +70,11 @@ def read_asset(
     if not parts:
         raise InputError(f"{path}: expected triangles, found none")
     surfaces = {name: _reduced(surfaces[name], texture_size) for name in dict.fromkeys(part.material for part in parts)}
-    for name, what, image in ((name, what, image) for name, one in surfaces.items() for what, image in one.maps.items()):
-        least, most, end = float(image.min()), float(image.max()), math.inf if what == "albedo" else 1.0
-        if not (least >= -ROUNDING and most <= end + ROUNDING):
-            expected = "of 0 and more" if what == "albedo" else "from 0 to 1"
-            raise InputError(f"{path}: {name}: expected {what} {expected}, found {least:.4g} to {most:.4g}")
+    for name, surface in surfaces.items():
+        for what, image in surface.maps.items():
+            end, expected = (math.inf, "of 0 and more") if what == "albedo" else (1.0, "from 0 to 1")
+            if not (image.min() >= -ROUNDING and image.max() <= end + ROUNDING):
+                raise InputError(f"{path}: {name}: expected {what} {expected}, found {image.min():.4g} to {image.max():.4g}")
     parts = [_with_uv(path, part, surfaces) for part in parts]
     shares = Counter(part.material for part in parts)
     for place, part in enumerate(parts):
@@ -127,14 +127,13 @@ def _with_uv(path: Path, part: Part, surfaces: Mapping[str, Surface]) -> Part:
         raise InputError(f"{path}: expected texture coordinates within 0 ... 1 for its texture of {large[0]}, found {found}")
     if part.colours is not None:  # which are baked into a texture next
         return replace(part, uv=None)
-    made = _unwrapped(part)
-    return Part(made.vertices, made.faces, None if part.normals is None else made.normals, made.uv, part.material)
+    return _unwrapped(part)[0]
 
 
 def _baked(part: Part, surface: Surface, side: int) -> tuple[Part, Surface]:
     """The part over new texture coordinates, and its maps with ``side`` x ``side`` texels, colours of vertices among them."""
-    made = _unwrapped(part)  # triangles and corners keep their order
-    atlas = Atlas.of(made, side, torch.device("cpu"))
+    made, mesh = _unwrapped(part)  # triangles and corners keep their order
+    atlas = Atlas.of(mesh, side, torch.device("cpu"))
     second, third = atlas.barycentric.T
     weights = torch.stack([1 - second - third, second, third], -1)[..., None]
 
@@ -149,17 +148,18 @@ def _baked(part: Part, surface: Surface, side: int) -> tuple[Part, Surface]:
             found = fetch(torch.from_numpy(np.atleast_3d(image)).float(), inside(part.uv))
         texels = (found * inside(part.colours) if name == "albedo" else found)[atlas.row.long()].numpy()
         maps[name] = texels if name == "albedo" else texels[..., 0]
-    normals = None if part.normals is None else made.normals
-    return Part(made.vertices, made.faces, normals, made.uv, part.material), Surface(**maps)
+    return made, Surface(**maps)
 
 
-def _unwrapped(part: Part) -> Mesh:
+def _unwrapped(part: Part) -> tuple[Part, Mesh]:
+    """The part over new texture coordinates, without its colours, and its mesh, which has normals in any case."""
     import trimesh
 
     normals = part.normals
     if normals is None:
         normals = np.asarray(trimesh.Trimesh(part.vertices, part.faces, process=False).vertex_normals)
-    return unwrap(np.asarray(part.vertices), np.asarray(part.faces), normals)
+    mesh = unwrap(part.vertices, part.faces, normals)
+    return Part(mesh.vertices, mesh.faces, None if part.normals is None else mesh.normals, mesh.uv, part.material), mesh
 
 
 def _as_one(
@@ -256,16 +256,11 @@ def _reduced(surface: Surface, size: int | None) -> Surface:
 
 def _joined(path: Path, parts: Sequence[Part], note: Note) -> Mesh:
     """One mesh of all parts."""
-    vertices, faces, normals, uv, count = [], [], [], [], 0
-    for part in parts:
-        vertices.append(part.vertices)
-        faces.append(part.faces + count)
-        normals.append(np.full(part.vertices.shape, np.nan) if part.normals is None else part.normals)
-        uv.append(part.uv)
-        count += len(part.vertices)
-    stored = np.concatenate(normals)
-    known = None if np.isnan(stored).all() else stored
-    mesh, notes = sound_mesh(path, np.concatenate(vertices), np.concatenate(faces), known, np.concatenate(uv))  # type: ignore[arg-type]
+    counts = [len(part.vertices) for part in parts]
+    faces = np.concatenate([part.faces + first for part, first in zip(parts, np.cumsum([0, *counts]), strict=False)])
+    normals = joined_normals(counts, [part.normals for part in parts])
+    vertices, uv = np.concatenate([part.vertices for part in parts]), np.concatenate([part.uv for part in parts])
+    mesh, notes = sound_mesh(path, vertices, faces, normals, uv)
     for line in notes:
         note(line)
     return mesh

@@ -25,7 +25,7 @@ from PIL import Image
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, is_file, read_json, shown
-from ia_bench.geometry.mesh import named_by_gltf, parsed_by_trimesh, placed_parts
+from ia_bench.geometry.mesh import named_by_gltf, parsed_by_trimesh, placed_parts, stored_normals
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import expect_size_to_read, read_exr
 from ia_bench.scenes.photograph import picture_values, read_values
@@ -99,7 +99,7 @@ METALLIC = {"metallicFactor", "metallicRoughnessTexture"}
 FAN, FLOAT, REPEAT = 6, 5126, 10497  # as the specification numbers them
 
 
-def _gltf(path: Path, note: Note) -> tuple[list[Part], dict[str, Surface]]:
+def _gltf(path: Path, note: Note) -> Parts:
     """Parts and materials of a glTF file; trimesh reads geometry and pictures, factors are taken from the file, unrounded."""
     header, rest = _header(path)
     _expect_plain(path, header)
@@ -228,7 +228,7 @@ def _picture(path: Path, picture: Image.Image) -> np.ndarray:
 # ---- OBJ with MTL --------------------------------------------------------------------------------------------------
 
 
-def _obj(path: Path, note: Note) -> tuple[list[Part], dict[str, Surface]]:
+def _obj(path: Path, note: Note) -> Parts:
     """Parts and materials of an OBJ file; trimesh reads the geometry."""
     loaded: Any = parsed_by_trimesh(path)
     materials = _material_file(path)
@@ -247,8 +247,8 @@ def _obj(path: Path, note: Note) -> tuple[list[Part], dict[str, Surface]]:
             (name,) = said
         if name not in surfaces:
             surfaces[name] = _mtl_surface(materials, name, said[name], note)
-        stored = mesh._cache.cache.get("vertex_normals")
-        parts.append(Part(np.asarray(mesh.vertices), np.asarray(mesh.faces), stored, getattr(mesh.visual, "uv", None), name))
+        uv = getattr(mesh.visual, "uv", None)
+        parts.append(Part(np.asarray(mesh.vertices), np.asarray(mesh.faces), stored_normals(mesh), uv, name))
     return parts, surfaces
 
 
@@ -277,7 +277,8 @@ def _mtl(path: Path) -> dict[str, dict[str, str]]:
 def _mtl_surface(path: Path, name: str, said: Mapping[str, str], note: Note) -> Surface:
     where = f"{path}: {name}"
 
-    def numbers(key: str, count: int) -> np.ndarray | None:
+    def number(key: str, count: int = 1) -> np.ndarray | None:
+        """One texel of ``count`` channels."""
         if key not in said:
             return None
         try:
@@ -286,7 +287,7 @@ def _mtl_surface(path: Path, name: str, said: Mapping[str, str], note: Note) -> 
             values = np.zeros(0, np.float32)
         if len(values) != count or not (values >= 0).all() or not np.isfinite(values).all():
             raise InputError(f"{where}: {key.capitalize()}: expected {count} number(s) >= 0, found {shown(repr(said[key]))}")
-        return values
+        return values.reshape(1, 1, count)
 
     def image(key: str, *, srgb: bool = False) -> np.ndarray | None:
         if key not in said:
@@ -298,33 +299,28 @@ def _mtl_surface(path: Path, name: str, said: Mapping[str, str], note: Note) -> 
         stored = read_values(file)[..., :3]
         return srgb_to_linear(stored) if srgb else stored
 
-    def number(key: str) -> np.ndarray | None:
-        found = numbers(key, 1)
-        return None if found is None else found.reshape(1, 1)
-
     def first(*maps: np.ndarray | None) -> np.ndarray | None:
-        return next((one for one in maps if one is not None), None)
+        """The first channel of the first that there is."""
+        return next((one[..., 0] for one in maps if one is not None), None)
 
-    colour, albedo = numbers("kd", 3), image("map_kd", srgb=True)
-    if albedo is None and colour is None:
+    colour, painted = number("kd", 3), image("map_kd", srgb=True)
+    albedo = colour if painted is None else painted
+    if albedo is None:
         raise InputError(f"{where}: expected an albedo, map_Kd or Kd, found neither")
-    if albedo is not None and colour is not None and (colour != 1).any():
+    if painted is not None and colour is not None and (colour != 1).any():
         note(f"{where}: map_Kd is taken for the albedo as it is, and Kd {said['kd']} beside it left out")
     ignored = {"norm": "normal map", "bump": "normal or bump map", "map_bump": "normal or bump map"}
     for key, what in (ignored | {"map_d": "transparency", "map_ke": "light of its own"}).items():
         if key in said:
             note(f"{where}: its {what} ({key}) is left out: materials here have albedo, roughness and metallic")
     packed = image("map_ks") if "bsdf" in said else None
-    maps = {what: image(f"map_{key}") for what, key in (("roughness", "pr"), ("metallic", "pm"))}
-    one = {what: None if values is None else values[..., 0] for what, values in maps.items()}
-    green, blue = (None, None) if packed is None else (packed[..., 1], packed[..., 2])
-    roughness, metallic = first(one["roughness"], green, number("pr")), first(one["metallic"], blue, number("pm"))
-    exponent = numbers("ns", 1)
-    if roughness is None and exponent is not None and exponent[0] > 0:
-        roughness = ((2 / (exponent + 2)) ** 0.25).reshape(1, 1).astype(np.float32)
+    green, blue = (None, None) if packed is None else (packed[..., 1:], packed[..., 2:])
+    roughness, metallic = first(image("map_pr"), green, number("pr")), first(image("map_pm"), blue, number("pm"))
+    exponent = first(number("ns"))
+    if roughness is None and exponent is not None and exponent[0, 0] > 0:
+        roughness = ((2 / (exponent + 2)) ** 0.25).astype(np.float32)
         note(f"{where}: roughness {float(roughness[0, 0]):.3f} from Ns {said['ns']}: roughness^4 = 2 / (Ns + 2)")
-    flat = colour.reshape(1, 1, 3) if colour is not None else None
-    return Surface(first(albedo, flat), roughness, metallic)  # type: ignore[arg-type]
+    return Surface(albedo, roughness, metallic)
 
 
 def _texture_name(path: Path, line: str) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -40,13 +41,33 @@ class FromObject(NamedTuple):
     first: Tensor | None = None  # (N,) int32, the row of ``arriving`` that is a point's texel 0; None for row 0
 
 
-class Shaded(NamedTuple):
-    """What N points send to the camera, each (N, 3)."""
+@dataclass(frozen=True)
+class PixelRadiance:
+    """What P pixels, or points of a surface, send to the camera, each (P, 3); of pixels premultiplied."""
 
-    diffuse: Tensor  # radiance of the diffuse lobe
-    specular: Tensor  # radiance of the specular lobe, of the light itself
-    mirrored: Tensor  # radiance of the specular lobe, of the object itself
+    diffuse: Tensor  # radiance of the diffuse lobe, indirect light included
+    specular: Tensor  # radiance of the specular lobe under the light itself: the paper's specular shading
     albedo: Tensor  # the texture, no radiance
+    mirrored: Tensor | None = None  # specular radiance of the object in itself, None without indirect light
+
+    @property
+    def radiance(self) -> Tensor:
+        """Everything that reaches the camera, (P, 3)."""
+        shaded = self.diffuse + self.specular
+        return shaded if self.mirrored is None else shaded + self.mirrored
+
+    def exposed(self, factors: Tensor) -> PixelRadiance:
+        """The same light times (P, 1) or (P, 3) factors; the albedo stays."""
+        return replace(self.each(lambda values: factors * values), albedo=self.albedo)
+
+    def averaged(self, estimates: int) -> PixelRadiance:
+        """The mean of several estimates of the same pixels, one after another: (estimates P, 3) to (P, 3)."""
+        return self.each(lambda values: values.unflatten(0, (estimates, -1)).mean(0))
+
+    def each(self, change: Callable[[Tensor], Tensor]) -> PixelRadiance:
+        """All of them after a ``change``."""
+        changed: dict[str, Any] = {name: None if values is None else change(values) for name, values in vars(self).items()}
+        return PixelRadiance(**changed)
 
 
 @torch.no_grad()
@@ -96,7 +117,7 @@ def shade_samples(
     coat: str,
     of_object: FromObject | None,
     steady: Tensor | None = None,
-) -> Shaded:
+) -> PixelRadiance:
     """Sum the samples under a light of ``radiance`` (H, W, 3). Differentiable in it, in the textures, ``of_object`` and ``steady``.
 
     ``steady`` (N, 3): irradiance that no sample estimates (:mod:`ia_bench.render.control`).
@@ -113,9 +134,9 @@ def shade_samples(
     )  # fmt: skip
     albedo, roughness = _flat(material.albedo, 3), _flat(material.roughness, 1)
     metallic = None if material.metallic is None else _flat(material.metallic, 1)
-    return Shaded(
-        *_Shade.apply(fixed, radiance.reshape(-1, 3).contiguous(), albedo, roughness, metallic, arriving, leaving, steady)
-    )
+    leaves = radiance.reshape(-1, 3).contiguous(), albedo, roughness, metallic, arriving, leaving, steady
+    diffuse, specular, mirrored, colour = _Shade.apply(fixed, *leaves)
+    return PixelRadiance(diffuse, specular, colour, None if of_object is None else mirrored)
 
 
 def _flat(texture: Tensor, channels: int) -> Tensor:

@@ -231,6 +231,10 @@ class SurfaceInterpolator:
         )  # fmt: skip
         return texel
 
+    def lifted(self, points: SurfacePoints) -> Tensor:
+        """Where rays leave the points, (N, 3): beside their triangles, so that these are not met again."""
+        return points.position + self.offset * points.geometric
+
     def __call__(self, face: Tensor, barycentric: Tensor, camera_centre: Tensor) -> SurfacePoints:
         """Points of (N,) faces, (N, 2) barycentrics, seen from (N, 3) camera centres.
 

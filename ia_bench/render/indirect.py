@@ -17,7 +17,6 @@ import math
 import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +29,8 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import direction_to_texel, row_solid_angles, texel_to_direction
 from ia_bench.material.brdf import dot
 from ia_bench.material.textures import fetch
-from ia_bench.render.control import DiffuseControl
+from ia_bench.render.control import ControlAtPoints, DiffuseControl
+from ia_bench.render.estimator import FromObject
 from ia_bench.render.gbuffer import SurfaceInterpolator, SurfacePoints
 from ia_bench.render.rays import EmbreeRays, RayCaster
 from ia_bench.scenes.scene import Mesh
@@ -102,14 +102,6 @@ def mesh_key(kind: str, mesh: Mesh, *sizes: int, device: torch.device) -> str:
     return content_key(made_on(device.type, kind), " ".join(map(str, sizes)), mesh.vertices, mesh.faces, mesh.uv)
 
 
-class IndirectLight(NamedTuple):
-    """What the object throws onto itself, at the N texels of its atlas, and the light that this was found from."""
-
-    arriving: Tensor  # (N, 3), the irradiance from the object itself
-    leaving: Tensor  # (N, 3), the radiance that the texels send out
-    sky: Tensor | None = None  # (cells, 3), the mean radiance of the light in each cell of the sky; None where the light turns
-
-
 class Operator:
     """A fixed sparse matrix (rows, columns), kept by rows; its transpose likewise, as soon as a gradient asks for it."""
 
@@ -132,25 +124,23 @@ class Operator:
         return product
 
 
+@dataclass(eq=False)
 class Interreflection:
-    """The baked operators of one mesh, for ``bounces`` >= 1 reflections between light and the point that is seen."""
+    """The baked operators of one mesh; :func:`bake_interreflection` makes them."""
 
-    def __init__(
-        self,
-        atlas: Atlas,
-        sky: Operator,
-        exchange: Operator,
-        surface: SurfaceInterpolator,
-        rays: RayCaster,
-        bounces: int,
-        control: DiffuseControl | None = None,
-    ) -> None:
-        """``sky`` is S, (N, cells), and ``exchange`` X, (N, N); :func:`bake_interreflection` makes them."""
-        self.atlas, self.bounces, self.control = atlas, bounces, control
-        self._sky, self._exchange = sky, exchange
-        self._surface, self._rays = surface, rays
-        self._uv = surface.uv(atlas.face, atlas.barycentric)
-        self._lookup: tuple[object, Operator] | None = None  # of the sky's cells in a light that was turned last
+    atlas: Atlas
+    sky: Operator  # S, (N, cells)
+    exchange: Operator  # X, (N, N)
+    surface: SurfaceInterpolator
+    rays: RayCaster
+    bounces: int  # reflections between light and the point that is seen, at least 1
+    control: DiffuseControl | None = None
+    _lookup: tuple[object, Operator] | None = None  # of the sky's cells in a light that was turned last
+
+    @cached_property
+    def uv(self) -> Tensor:
+        """Texture coordinates of the texels, (N, 2)."""
+        return self.surface.uv(self.atlas.face, self.atlas.barycentric)
 
     def solve(self, albedo: Tensor, radiance: Tensor, turns: Tensor | None = None) -> IndirectLight:
         """The balance under a light ``radiance`` (H, W, 3) with ``albedo`` (T, T, 3); differentiable in both.
@@ -159,15 +149,15 @@ class Interreflection:
         after another, (K N, 3).
         """
         sky = _cells(radiance) if turns is None else self._turned_cells(radiance, turns)
-        direct = self._sky.apply(sky)
-        reflectance = fetch(albedo, self._uv).repeat(1, direct.shape[1] // 3) / math.pi
+        direct = self.sky.apply(sky)
+        reflectance = fetch(albedo, self.uv).repeat(1, direct.shape[1] // 3) / math.pi
         indirect = torch.zeros_like(direct)
         for _ in range(self.bounces):
-            indirect = self._exchange.apply(reflectance * (direct + indirect))
+            indirect = self.exchange.apply(reflectance * (direct + indirect))
         found = indirect, reflectance * (direct + indirect)
         if turns is not None:
-            return IndirectLight(*(each.unflatten(1, (-1, 3)).transpose(0, 1).reshape(-1, 3) for each in found))
-        return IndirectLight(*found, sky)
+            return IndirectLight(self, *(each.unflatten(1, (-1, 3)).transpose(0, 1).reshape(-1, 3) for each in found))
+        return IndirectLight(self, *found, sky)
 
     def _turned_cells(self, radiance: Tensor, turns: Tensor) -> Tensor:
         """:func:`_cells` of a map that is turned, (cells, 3 K): the mean over CELL_POINTS^2 points of each cell."""
@@ -193,9 +183,33 @@ class Interreflection:
 
         ``blocked`` (N, K) bool says in whose way the object is.
         """
-        origin = points.position + self._surface.offset * points.geometric
-        face, barycentric, _ = self._rays.intersect(origin, direction, blocked)
-        return self._surface.landed(direction, face, barycentric, self.atlas.row)
+        face, barycentric, _ = self.rays.intersect(self.surface.lifted(points), direction, blocked)
+        return self.surface.landed(direction, face, barycentric, self.atlas.row)
+
+
+class IndirectLight(NamedTuple):
+    """What the object throws onto itself, at the N texels of its atlas, and the light that this was found from."""
+
+    baked: Interreflection
+    arriving: Tensor  # (N, 3), the irradiance from the object itself
+    leaving: Tensor  # (N, 3), the radiance that the texels send out
+    sky: Tensor | None = None  # (cells, 3), the mean radiance of the light in each cell of the sky; None where the light turns
+    first: Tensor | None = None  # where it turns, the row at which the texels that each view sees begin, (V,) int32
+
+    def seen_by(self, view: Tensor | None, seen: Tensor) -> FromObject:
+        """The same for points of the views ``view`` (N,), whose directions by the BRDF see the texels ``seen`` (N, count)."""
+        if self.first is None or view is None:
+            return FromObject(self.arriving, self.leaving, self.baked.atlas.row, seen)
+        first = self.first[view]
+        seen = torch.where(seen < 0, seen, seen + first[:, None])
+        return FromObject(self.arriving, self.leaving, self.baked.atlas.row, seen, first)
+
+    def control_at(self, points: SurfacePoints, hit: Tensor) -> ControlAtPoints | None:
+        """The control variate of N points, of those that are ``hit``; None without one, and under a light that turns."""
+        if self.baked.control is None or self.sky is None:
+            return None
+        row = torch.where(hit & points.front[:, 0], self.baked.atlas.nearest(points.uv), -1)  # texels see from the front
+        return self.baked.control.at(self.sky, row, points.normal)
 
 
 class _Product(torch.autograd.Function):
@@ -223,14 +237,7 @@ def _cells(radiance: Tensor) -> Tensor:
 
 
 def bake_interreflection(
-    mesh: Mesh,
-    surface: SurfaceInterpolator,
-    rays: RayCaster,
-    bounces: int,
-    cache: Path,
-    *,
-    atlas_size: int = ATLAS_SIZE,
-    controlled: bool = False,
+    surface: SurfaceInterpolator, rays: RayCaster, bounces: int, *, atlas_size: int = ATLAS_SIZE, controlled: bool = False
 ) -> Interreflection:
     """Trace the operators of a mesh, or read them from the cache; ``controlled``: with a control variate of diffuse light.
 
@@ -238,7 +245,7 @@ def bake_interreflection(
     """
 
     def trace() -> dict[str, Tensor]:
-        atlas = Atlas.of(mesh, atlas_size, surface.device)
+        atlas = Atlas.of(rays.mesh, atlas_size, surface.device)
         if len(atlas.face) == 0:
             raise InputError(
                 f"render.bounces={bounces}: expected texture coordinates that cover a part of the texture, found none of "
@@ -246,8 +253,8 @@ def bake_interreflection(
             )
         return _trace(atlas, surface, rays)
 
-    key = mesh_key("interreflection", mesh, VERSION, atlas_size, SKY_ROWS, device=surface.device)
-    traced = Cache(cache).kept(key, trace)
+    key = mesh_key("interreflection", rays.mesh, VERSION, atlas_size, SKY_ROWS, device=surface.device)
+    traced = Cache().kept(key, trace)
     atlas = Atlas(**{part: traced[part].to(surface.device) for part in ATLAS_PARTS})
     size = (len(atlas.face), len(atlas.face))
     pairs = torch.stack([traced["to_texel"], traced["from_texel"]]).long()

@@ -11,7 +11,7 @@ import warp as wp
 
 from ia_bench.common.warp_math import unit
 from ia_bench.material.brdf import F0, MIN_COSINE
-from ia_bench.material.warp_textures import Taps, add_colour, add_scalar, bilinear_taps, fetch_colour, fetch_scalar
+from ia_bench.material.warp_textures import Taps, add_at, bilinear_taps, fetch_at
 
 wp.set_module_options({"enable_backward": False, "fast_math": False})
 
@@ -138,10 +138,10 @@ def shade(
     """
     n = first + wp.tid()
     uv = uvs[n]
-    colour = fetch_colour(albedo, bilinear_taps(uv, albedo_side, albedo_side))
+    colour = fetch_at(albedo, bilinear_taps(uv, albedo_side, albedo_side))
     metal = float(0.0)
     if metallic_side > 0:
-        metal = fetch_scalar(metallic, bilinear_taps(uv, metallic_side, metallic_side))
+        metal = fetch_at(metallic, bilinear_taps(uv, metallic_side, metallic_side))
     at_normal = _DIELECTRIC * (1.0 - metal) + metal * colour
     irradiance = wp.vec3(0.0, 0.0, 0.0)
     base = wp.vec3(0.0, 0.0, 0.0)
@@ -174,8 +174,8 @@ def shade(
                 grazing_of_object += incoming * term[3]
     passed = float(1.0)
     if coat_side > 0:
-        rough = fetch_scalar(roughness, bilinear_taps(uv, roughness_side, roughness_side))
-        passed = 1.0 - fetch_scalar(coat, coat_taps(rough, wp.dot(normals[n], views[n]), coat_side))
+        rough = fetch_at(roughness, bilinear_taps(uv, roughness_side, roughness_side))
+        passed = 1.0 - fetch_at(coat, coat_taps(rough, wp.dot(normals[n], views[n]), coat_side))
     diffuse[n] = wp.cw_mul(colour, irradiance) * ((1.0 - metal) * passed / _PI)
     specular[n] = wp.cw_mul(at_normal, base) + grazing
     mirrored[n] = wp.cw_mul(at_normal, base_of_object) + grazing_of_object
@@ -205,17 +205,17 @@ def shade_adjoint(
     uv = uvs[n]
     colour_taps = bilinear_taps(uv, albedo_side, albedo_side)
     rough_taps = bilinear_taps(uv, roughness_side, roughness_side)
-    colour = fetch_colour(albedo, colour_taps)
-    rough = fetch_scalar(roughness, rough_taps)
+    colour = fetch_at(albedo, colour_taps)
+    rough = fetch_at(roughness, rough_taps)
     metal = float(0.0)
     if metallic_side > 0:
-        metal = fetch_scalar(metallic, bilinear_taps(uv, metallic_side, metallic_side))
+        metal = fetch_at(metallic, bilinear_taps(uv, metallic_side, metallic_side))
     at_normal = _DIELECTRIC * (1.0 - metal) + metal * colour
     passed = float(1.0)
     passed_slope = float(0.0)
     if coat_side > 0:
         taps = coat_taps(rough, wp.dot(normals[n], views[n]), coat_side)
-        passed = 1.0 - fetch_scalar(coat, taps)
+        passed = 1.0 - fetch_at(coat, taps)
         right = taps.weight[1] + taps.weight[3]
         upper = (1.0 - right) * coat[taps.index[0]] + right * coat[taps.index[1]]
         lower = (1.0 - right) * coat[taps.index[2]] + right * coat[taps.index[3]]
@@ -264,8 +264,8 @@ def shade_adjoint(
                 of_at_normal += wp.cw_mul(incoming, of_grazing) * (term[1] * (1.0 - term[3]))
     of_q = wp.dot(of_diffuse[n], wp.cw_mul(colour, irradiance)) / _PI
     of_rough = 2.0 * rough * of_alpha + of_q * (1.0 - metal) * passed_slope
-    add_scalar(of_roughness, rough_taps, of_rough)
+    add_at(of_roughness, rough_taps, of_rough)
     if metallic_side > 0:
         of_metal = wp.dot(of_at_normal, colour - _DIELECTRIC) - of_q * passed
-        add_scalar(of_metallic, bilinear_taps(uv, metallic_side, metallic_side), of_metal)
-    add_colour(of_albedos, colour_taps, of_albedo[n] + wp.cw_mul(irradiance, of_diffuse[n]) * q + of_at_normal * metal)
+        add_at(of_metallic, bilinear_taps(uv, metallic_side, metallic_side), of_metal)
+    add_at(of_albedos, colour_taps, of_albedo[n] + wp.cw_mul(irradiance, of_diffuse[n]) * q + of_at_normal * metal)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from abc import ABC, abstractmethod
 from ctypes import c_char_p, c_int, c_size_t, c_uint, c_void_p
 from functools import cache
 from pathlib import Path
@@ -28,13 +27,18 @@ def make_rays(mesh: Mesh, device: torch.device) -> RayCaster:
     return EmbreeRays(mesh) if device.type == "cpu" else WarpRays(mesh, device)
 
 
-class RayCaster(ABC):
+class RayCaster:
     """A ray tracer.
 
     Attributes:
         mesh: The triangles that it traces.
         rays: How many rays it has traced so far.
     """
+
+    _kernel: wp.Kernel
+    _block = 1  # rays of an item of that kernel
+    _scene: int  # the handle of what the kernel asks ...
+    _queries: tuple[int | None, int | None] = (0, 0)  # ... and of how: whether there is a hit, and which is nearest
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh, self.rays = mesh, 0
@@ -53,8 +57,9 @@ class RayCaster(ABC):
         shape, device = directions.shape[:-1], origins.device
         face = torch.full(shape, -1, dtype=torch.int32, device=device)
         barycentric, distance = torch.zeros(*shape, 2, device=device), torch.full(shape, torch.inf, device=device)
-        results = face.reshape(-1), barycentric.reshape(-1, 2), distance.reshape(-1), None
-        self._ask(True, origins, directions, asked, coherent, *results)
+        self._trace(
+            True, origins, directions, asked, coherent, face.reshape(-1), barycentric.reshape(-1, 2), distance.reshape(-1), None
+        )
         return face.long(), barycentric, distance
 
     def occluded(self, origins: Tensor, directions: Tensor, asked: Tensor | None = None) -> Tensor:
@@ -63,26 +68,22 @@ class RayCaster(ABC):
         Or (N, K) for (N, K, 3) directions, as :meth:`intersect` has them; those that are not asked for count as free.
         """
         blocked = torch.zeros(directions.shape[:-1], dtype=torch.uint8, device=origins.device)
-        self._ask(False, origins, directions, asked, False, None, None, None, blocked.reshape(-1))
+        self._trace(False, origins, directions, asked, False, None, None, None, blocked.reshape(-1))
         return blocked.bool()
 
-    def _ask(
-        self, nearest: bool, origins: Tensor, directions: Tensor, asked: Tensor | None, coherent: bool, *results: Tensor | None
-    ) -> None:
-        count = directions.numel() // 3
-        if count:
-            mask = None if asked is None else asked.contiguous().view(torch.uint8).reshape(-1)
-            self._trace(nearest, origins.contiguous(), directions.contiguous().reshape(-1, 3), mask, coherent, *results)
-        self.rays += count if asked is None else int(asked.sum())
-
-    @abstractmethod
     def _trace(
         self, nearest: bool, origins: Tensor, directions: Tensor, asked: Tensor | None, coherent: bool, *results: Tensor | None
     ) -> None:
-        """Fill ``results`` for (M, 3) directions, as many after another of each origin; ``asked`` (M,) uint8.
-
-        They are triangle, barycentrics and distance of the ``nearest`` hit, and None, or three times None and whether there is any.
-        """
+        """Fill triangles, barycentrics and distances of the ``nearest`` hits, or else, fourth, whether there is any hit."""
+        count = directions.numel() // 3
+        self.rays += count if asked is None else int(asked.sum())
+        if count == 0:
+            return
+        mask = None if asked is None else asked.contiguous().view(torch.uint8).reshape(-1)
+        launch(
+            self._kernel, -(-count // self._block), int(nearest), self._queries[nearest], self._scene, origins.contiguous(),
+            directions.contiguous().reshape(-1, 3), mask, int(coherent), *results, device=origins.device,
+        )  # fmt: skip
 
 
 # ---------------- Embree ----------------
@@ -105,9 +106,10 @@ _PACKETS = """
     alignas(64) int valid[W];
     int which[W];
     int filled = 0;
+    const int count = directions.shape[0], each = count / origins.shape[0];
     int end = (item + 1) * BLOCK < count ? (item + 1) * BLOCK : count;
     for (int i = item * BLOCK; i < end; ++i) {
-        if (!masked || asked[i]) {
+        if (asked.shape[0] == 0 || asked[i]) {
             const int p = i / each;
             const wp::vec3 o = origins[p];
             const wp::vec3 d = directions[i];
@@ -150,22 +152,20 @@ whole packet. On CUDA nothing calls it."""
 @wp.func_native(_PACKETS.replace("%BLOCK%", str(BLOCK)))
 def _ask_embree(
     nearest: int, query: wp.uint64, scene: wp.uint64, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3),
-    each: int, masked: int, asked: wp.array(dtype=wp.uint8), coherent: int, count: int, item: int, faces: wp.array(dtype=int),
-    barycentrics: wp.array(dtype=wp.vec2), distances: wp.array(dtype=float), blocked: wp.array(dtype=wp.uint8),
+    asked: wp.array(dtype=wp.uint8), coherent: int, item: int, faces: wp.array(dtype=int), barycentrics: wp.array(dtype=wp.vec2),
+    distances: wp.array(dtype=float), blocked: wp.array(dtype=wp.uint8),
 ): ...  # fmt: skip
 
 
 @wp.kernel(enable_backward=False)
 def _trace_packets(
     first: int, nearest: int, query: wp.uint64, scene: wp.uint64, origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3), each: int, masked: int, asked: wp.array(dtype=wp.uint8), coherent: int, count: int,
-    faces: wp.array(dtype=int), barycentrics: wp.array(dtype=wp.vec2), distances: wp.array(dtype=float),
-    blocked: wp.array(dtype=wp.uint8),
+    directions: wp.array(dtype=wp.vec3), asked: wp.array(dtype=wp.uint8), coherent: int, faces: wp.array(dtype=int),
+    barycentrics: wp.array(dtype=wp.vec2), distances: wp.array(dtype=float), blocked: wp.array(dtype=wp.uint8),
 ):  # fmt: skip
-    """The nearest hits of ``count`` rays, ``each`` from every origin, or whether they hit anything; if ``masked``, of ``asked``."""
+    """The ``nearest`` hits of rays, as many from every origin, or whether they hit anything; if there is ``asked``, of those."""
     _ask_embree(
-        nearest, query, scene, origins, directions, each, masked, asked, coherent, count, first + wp.tid(), faces, barycentrics,
-        distances, blocked,
+        nearest, query, scene, origins, directions, asked, coherent, first + wp.tid(), faces, barycentrics, distances, blocked,
     )  # fmt: skip
 
 
@@ -175,6 +175,8 @@ class EmbreeRays(RayCaster):
     embreex itself asks for one after another, which takes 1.35 times as long for shadow rays (benchmarks/rays.py). So its library
     is loaded here, the mesh is handed to it, and a Warp kernel calls its packet queries.
     """
+
+    _kernel, _block = _trace_packets, BLOCK
 
     def __init__(self, mesh: Mesh) -> None:
         """Raises InputError where the embreex that is installed brings no Embree 4 that can be loaded."""
@@ -191,16 +193,8 @@ class EmbreeRays(RayCaster):
         library.rtcAttachGeometry(self._scene, geometry)
         library.rtcReleaseGeometry(geometry)
         library.rtcCommitScene(self._scene)
-        self._queries = [ctypes.cast(getattr(library, name), c_void_p).value for name in ("rtcOccluded16", "rtcIntersect16")]
-
-    def _trace(
-        self, nearest: bool, origins: Tensor, directions: Tensor, asked: Tensor | None, coherent: bool, *results: Tensor | None
-    ) -> None:
-        count = len(directions)
-        launch(
-            _trace_packets, -(-count // BLOCK), int(nearest), self._queries[nearest], self._scene, origins, directions,
-            count // len(origins), int(asked is not None), asked, int(coherent), count, *results, device=origins.device,
-        )  # fmt: skip
+        any_hit, nearest = (ctypes.cast(query, c_void_p).value for query in (library.rtcOccluded16, library.rtcIntersect16))
+        self._queries = any_hit, nearest
 
 
 @cache
@@ -237,13 +231,16 @@ def _library() -> tuple[ctypes.CDLL, int]:
 
 @wp.kernel(enable_backward=False)
 def _trace_mesh(
-    first: int, nearest: int, mesh: wp.uint64, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3), each: int,
-    asked: wp.array(dtype=wp.uint8), faces: wp.array(dtype=int), barycentrics: wp.array(dtype=wp.vec2),
-    distances: wp.array(dtype=float), blocked: wp.array(dtype=wp.uint8),
+    first: int, nearest: int, query: wp.uint64, mesh: wp.uint64, origins: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3), asked: wp.array(dtype=wp.uint8), coherent: int, faces: wp.array(dtype=int),
+    barycentrics: wp.array(dtype=wp.vec2), distances: wp.array(dtype=float), blocked: wp.array(dtype=wp.uint8),
 ):  # fmt: skip
+    """As :func:`_trace_packets`, whose parameters it takes, but one ray an item."""
     i = first + wp.tid()
-    if asked[i] == wp.uint8(0):
-        return
+    each = directions.shape[0] // origins.shape[0]
+    if asked.shape[0] > 0:
+        if asked[i] == wp.uint8(0):
+            return
     if nearest == 0:
         if wp.mesh_query_ray_anyhit(mesh, origins[i // each], directions[i], FAR):
             blocked[i] = wp.uint8(1)
@@ -258,16 +255,11 @@ def _trace_mesh(
 class WarpRays(RayCaster):
     """The tracer of CUDA devices."""
 
+    _kernel = _trace_mesh
+
     def __init__(self, mesh: Mesh, device: torch.device) -> None:
         super().__init__(mesh)
         where = str(device)  # Warp knows "cuda", a device without a number; wp.device_from_torch does not
         points = wp.array(mesh.vertices, dtype=wp.vec3, device=where)
         self._mesh = wp.Mesh(points, wp.array(mesh.faces.reshape(-1), dtype=wp.int32, device=where))
-
-    def _trace(
-        self, nearest: bool, origins: Tensor, directions: Tensor, asked: Tensor | None, coherent: bool, *results: Tensor | None
-    ) -> None:
-        count, device = len(directions), origins.device
-        mask = torch.ones(count, dtype=torch.uint8, device=device) if asked is None else asked
-        of_each = count // len(origins)
-        launch(_trace_mesh, count, int(nearest), self._mesh.id, origins, directions, of_each, mask, *results, device=device)
+        self._scene = self._mesh.id

@@ -185,12 +185,11 @@ class TexturedReconstruction:
         turning = chosen.turning if isinstance(chosen, LatLongEnvironment) else None
         sampled = SampledLight.of(texels.to(device), turning=turning)
         renderer = self._stage.renderer(shadows="traced", bounces=self._bounces, coat=self._coat, atlas_size=REFERENCE_ATLAS)
+        renderer = renderer.keeping_rays(self._rays_of(cameras, quality, turning))
         generator = torch.Generator(device=device).manual_seed(quality.seed)
-
         images, coverage = [], []
-        ray_cache = self._rays_of(cameras, quality, turning)
         for gbuffer in self._stage.gbuffers(cameras, quality.points):
-            images += _arrays(renderer.render_images(gbuffer, material, sampled, quality.samples, generator, ray_cache)["radiance"])
+            images += _arrays(renderer.render_images(gbuffer, material, sampled, quality.samples, generator)["radiance"])
             coverage += _arrays(gbuffer.coverage())
         return Images(tuple(images), tuple(coverage))
 

@@ -2,72 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from copy import copy
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.control import ControlAtPoints
-from ia_bench.render.estimator import DirectionSamples, draw_samples, shade_samples
+from ia_bench.render.estimator import DirectionSamples, PixelRadiance, draw_samples, shade_samples
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
-from ia_bench.render.indirect import Interreflection
+from ia_bench.render.indirect import IndirectLight, Interreflection
 from ia_bench.render.rays import RayCaster
-from ia_bench.render.turns import TURNS, Bounced, in_the_light, spread_turns, turns_of
+from ia_bench.render.turns import TURNS, in_the_light, spread_turns, turns_of
 
 CHUNK = 4096  # pixels at a time where no gradient is needed ...
 PASS_SAMPLES = 128  # ... with at most this many samples, in as many passes as will do
 RAY_CACHE_BYTES = 512 * 2**20  # of a BrdfRayCache
-
-
-@dataclass(frozen=True)
-class PixelRadiance:
-    """Premultiplied values of P pixels, each (P, 3)."""
-
-    diffuse: Tensor  # radiance of the diffuse lobe, indirect light included
-    specular: Tensor  # radiance of the specular lobe under the light itself: the paper's specular shading
-    albedo: Tensor  # the mean of the texture over the pixel
-    mirrored: Tensor | None = None  # specular radiance of the object in itself, None without indirect light
-
-    @property
-    def radiance(self) -> Tensor:
-        """Everything that reaches the camera, (P, 3)."""
-        shaded = self.diffuse + self.specular
-        return shaded if self.mirrored is None else shaded + self.mirrored
-
-    def exposed(self, factors: Tensor) -> PixelRadiance:
-        """The same light times (P, 1) or (P, 3) factors; the albedo stays."""
-        return replace(self._each(lambda values: factors * values), albedo=self.albedo)
-
-    def averaged(self, estimates: int) -> PixelRadiance:
-        """The mean of several estimates of the same pixels, one after another: (estimates P, 3) to (P, 3)."""
-        return self._each(lambda values: values.unflatten(0, (estimates, -1)).mean(0))
-
-    def _each(self, change: Callable[[Tensor], Tensor]) -> PixelRadiance:
-        changed: dict[str, Any] = {name: None if values is None else change(values) for name, values in vars(self).items()}
-        return PixelRadiance(**changed)
-
-
-class NoShadows:
-    """For convex objects: nothing ever blocks."""
-
-    def blocked(self, points: SurfacePoints, direction: Tensor, asked: Tensor) -> Tensor:
-        """See :class:`TracedShadows`."""
-        return torch.zeros_like(asked)
-
-
-class TracedShadows:
-    """A ray per question, from a point lifted off its triangle by ``offset``. Exact."""
-
-    def __init__(self, rays: RayCaster, offset: float) -> None:
-        self._rays, self._offset = rays, offset
-
-    def blocked(self, points: SurfacePoints, direction: Tensor, asked: Tensor) -> Tensor:
-        """Whether the mesh is in the way of N points in K directions each, (N, K, 3): (N, K) bool, where it is ``asked`` for."""
-        return self._rays.occluded(points.position + self._offset * points.geometric, direction, asked)
 
 
 class BrdfRayCache:
@@ -78,7 +29,7 @@ class BrdfRayCache:
     """
 
     def __init__(self) -> None:
-        self._passes: list[tuple[Tensor, Tensor | None] | None] = []
+        self._passes: list[tuple[Tensor, Tensor | None]] = []
         self._bytes, self._next = 0, 0
 
     def begin(self) -> None:
@@ -94,17 +45,17 @@ class BrdfRayCache:
         return self._passes[self._next - 1] if self._next <= len(self._passes) else None
 
     def keep(self, blocked: Tensor, seen: Tensor | None) -> None:
-        """Keep what the pass that was not known has found."""
-        if self._next > len(self._passes):
-            size = blocked.nbytes + (0 if seen is None else seen.nbytes)
-            fits = self._bytes + size <= RAY_CACHE_BYTES
-            self._bytes += size if fits else 0
-            self._passes.append((blocked.clone(), seen) if fits else None)
+        """Keep what the pass that was not known has found, if it fits and those before it did."""
+        size = blocked.nbytes + (0 if seen is None else seen.nbytes)
+        if self._next == len(self._passes) + 1 and self._bytes + size <= RAY_CACHE_BYTES:
+            self._bytes += size
+            self._passes.append((blocked.clone(), seen))
 
 
 class Renderer:
     """One mesh, its shadows and, where ``interreflection`` is given, the light that it throws onto itself.
 
+    ``rays`` trace the shadows; None for none, as a convex object has them.
     ``coat``: "added", the paper's sum of a diffuse and a specular lobe, or "layered": the specular lobe lies above the
     diffuse one, which is left what it does not reflect.
     """
@@ -112,12 +63,25 @@ class Renderer:
     def __init__(
         self,
         surface: SurfaceInterpolator,
-        visibility: NoShadows | TracedShadows,
+        rays: RayCaster | None,
         *,
         interreflection: Interreflection | None = None,
         coat: str = "added",
     ) -> None:
-        self.surface, self.visibility, self.interreflection, self.coat = surface, visibility, interreflection, coat
+        self.surface, self.rays, self.interreflection, self.coat = surface, rays, interreflection, coat
+        self.ray_cache: BrdfRayCache | None = None
+
+    def keeping_rays(self, cache: BrdfRayCache) -> Renderer:
+        """The same renderer for one picture under several lights: the first fills the cache, and the others use it."""
+        renderer = copy(self)
+        renderer.ray_cache = cache
+        return renderer
+
+    def blocked(self, points: SurfacePoints, direction: Tensor, asked: Tensor) -> Tensor:
+        """Whether the mesh is in the way of N points in K directions each, (N, K, 3): (N, K) bool, where it is ``asked`` for."""
+        if self.rays is None:
+            return torch.zeros_like(asked)
+        return self.rays.occluded(self.surface.lifted(points), direction, asked)
 
     def render_pixels(
         self, gbuffer: GBuffer, pixels: Tensor, material: Material, light: SampledLight, samples: int, generator: torch.Generator
@@ -130,16 +94,16 @@ class Renderer:
         rotation = random_rotation(pixels, generator)
         return self._render(gbuffer, pixels, material, light, self._bounce(gbuffer, material, light, TURNS), samples, rotation)
 
-    def _bounce(self, gbuffer: GBuffer, material: Material, light: SampledLight, most: int | None = None) -> Bounced | None:
+    def _bounce(self, gbuffer: GBuffer, material: Material, light: SampledLight, most: int | None = None) -> IndirectLight | None:
         """What the object throws onto itself; where the light turns, of ``most`` of the views' turns, which stand for others."""
         if self.interreflection is None:
             return None
-        solve, texels = self.interreflection.solve, len(self.interreflection.atlas.place)
         if light.turning is None:
-            return Bounced(solve(material.albedo, light.radiance), texels)
+            return self.interreflection.solve(material.albedo, light.radiance)
         turns = turns_of(gbuffer, light.turning)
         chosen, stand_in = spread_turns(turns, most)
-        return Bounced(solve(material.albedo, light.radiance, turns[chosen]), texels, stand_in)
+        found = self.interreflection.solve(material.albedo, light.radiance, turns[chosen])
+        return found._replace(first=(stand_in * len(self.interreflection.atlas.place)).int())
 
     def _render(
         self,
@@ -147,12 +111,11 @@ class Renderer:
         pixels: Tensor,
         material: Material,
         light: SampledLight,
-        indirect: Bounced | None,
+        indirect: IndirectLight | None,
         samples: int,
         rotation: Tensor,
         part: int = 0,
         parts: int = 1,
-        ray_cache: BrdfRayCache | None = None,
     ) -> PixelRadiance:
         """As :meth:`render_pixels`, for one of several parts of the lattices that ``rotation`` (2, P, 3) moves.
 
@@ -185,16 +148,13 @@ class Renderer:
                 drawn = replace(drawn, direction=drawn.direction @ turn)  # and back into the object's coordinates
 
             # ---------------- Visibility, V = 0 where the object blocks the light ----------------
-            blocked, seen = self._in_the_way(surface, drawn, count, ray_cache)
+            blocked, seen = self._in_the_way(surface, drawn, count)
 
             # ---------------- Indirect light: what arrives from the object in the place of the light ----------------
-            of_object = None
-            if indirect is not None and seen is not None:
-                assert self.interreflection is not None
-                of_object = indirect.seen_by(view, seen, self.interreflection.atlas.row)
+            of_object = None if indirect is None or seen is None else indirect.seen_by(view, seen)
 
             # ---------------- The control variate: what it leaves for samples to estimate ----------------
-            control = self._control(surface, face >= 0, indirect)
+            control = None if indirect is None else indirect.control_at(surface, face >= 0)
             if control is None:
                 drawn.texel[blocked] = -1
             else:
@@ -206,60 +166,36 @@ class Renderer:
 
         # ---------------- Pixels, (P, 3): the mean over their points, of which a miss is black ----------------
         pool = (face >= 0).reshape(-1, points, 1) / points
-        diffuse, specular, mirrored, albedo = ((part.reshape(-1, points, 3) * pool).sum(1) for part in shaded)
-        return PixelRadiance(diffuse, specular, albedo, None if of_object is None else mirrored)
+        return shaded.each(lambda values: (values.reshape(-1, points, 3) * pool).sum(1))
 
-    def _in_the_way(
-        self, surface: SurfacePoints, drawn: DirectionSamples, count: int, ray_cache: BrdfRayCache | None
-    ) -> tuple[Tensor, Tensor | None]:
+    def _in_the_way(self, surface: SurfacePoints, drawn: DirectionSamples, count: int) -> tuple[Tensor, Tensor | None]:
         """Whether the object blocks each sample, (N, 2 count) bool, and what of it the directions by the BRDF see, (N, count)."""
         asked = drawn.texel >= 0
-        known = None if ray_cache is None else ray_cache.known()
+        known = None if self.ray_cache is None else self.ray_cache.known()
         if known is not None:
-            by_light = self.visibility.blocked(surface, drawn.direction[:, :count].contiguous(), asked[:, :count])
+            by_light = self.blocked(surface, drawn.direction[:, :count].contiguous(), asked[:, :count])
             return torch.cat([by_light, known[0]], 1), known[1]
-        blocked, seen = self.visibility.blocked(surface, drawn.direction, asked), None
+        blocked, seen = self.blocked(surface, drawn.direction, asked), None
         if self.interreflection is not None:
             seen = self.interreflection.seen(surface, drawn.direction[:, count:], blocked[:, count:])
-        if ray_cache is not None:
-            ray_cache.keep(blocked[:, count:], seen)
+        if self.ray_cache is not None:
+            self.ray_cache.keep(blocked[:, count:], seen)
         return blocked, seen
-
-    def _control(self, surface: SurfacePoints, hit: Tensor, indirect: Bounced | None) -> ControlAtPoints | None:
-        """The control variate of points that are ``hit``; None without one, and under a light that turns."""
-        bounced = self.interreflection
-        if bounced is None or bounced.control is None or indirect is None or indirect.light.sky is None:
-            return None
-        row = torch.where(hit & surface.front[:, 0], bounced.atlas.nearest(surface.uv), -1)  # texels see from the front
-        return bounced.control.at(indirect.light.sky, row, surface.normal)
 
     @torch.no_grad()
     def render_images(
-        self,
-        gbuffer: GBuffer,
-        material: Material,
-        light: SampledLight,
-        samples: int,
-        generator: torch.Generator,
-        ray_cache: BrdfRayCache | None = None,
+        self, gbuffer: GBuffer, material: Material, light: SampledLight, samples: int, generator: torch.Generator
     ) -> dict[str, Tensor]:
         """:meth:`render_entries` as whole images of all views, each (V, H, W, 3)."""
-        values = self.render_entries(gbuffer, material, light, samples, generator, ray_cache)
+        values = self.render_entries(gbuffer, material, light, samples, generator)
         return {name: gbuffer.images(each) for name, each in values.items()}
 
     def render_entries(
-        self,
-        gbuffer: GBuffer,
-        material: Material,
-        light: SampledLight,
-        samples: int,
-        generator: torch.Generator,
-        ray_cache: BrdfRayCache | None = None,
+        self, gbuffer: GBuffer, material: Material, light: SampledLight, samples: int, generator: torch.Generator
     ) -> dict[str, Tensor]:
         """All entries of a G-buffer, premultiplied, each (P, 3): "radiance" and the parts of :class:`PixelRadiance`.
 
         The samples of a pixel are one lattice, dealt out evenly to as few passes of at most PASS_SAMPLES as will do.
-        ``ray_cache``: filled by the first picture that it is given to, and used by the same one under other lights.
         """
         parts = ["diffuse", "specular", "albedo"] + ["mirrored"] * (self.interreflection is not None)
         values = {name: torch.zeros(len(gbuffer.pixel), 3, device=gbuffer.face.device) for name in parts}
@@ -271,7 +207,7 @@ class Renderer:
             rotation = random_rotation(padded, generator)
             for part in range(passes):
                 each = round(samples / passes)
-                rendered = self._render(gbuffer, padded, material, light, indirect, each, rotation, part, passes, ray_cache)
+                rendered = self._render(gbuffer, padded, material, light, indirect, each, rotation, part, passes)
                 for name in parts:
                     values[name][chunk] += getattr(rendered, name)[: len(chunk)] / passes
         values["radiance"] = sum((values[name] for name in parts if name != "albedo"), torch.zeros(()))

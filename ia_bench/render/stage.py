@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from itertools import groupby
 
 import torch
 
-from ia_bench.common.cache import cache_folder
 from ia_bench.common.machine import expect_memory
 from ia_bench.render.gbuffer import RAYS_AT_ONCE, GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.indirect import ATLAS_SIZE, bake_interreflection
 from ia_bench.render.rays import RayCaster, make_rays
-from ia_bench.render.renderer import NoShadows, Renderer, TracedShadows
+from ia_bench.render.renderer import Renderer
 from ia_bench.scenes.scene import Camera, Mesh
 
 POINT_BYTES, RAY_BYTES = 12, 200  # of a point in a G-buffer, of a primary ray while it is traced
@@ -69,15 +69,10 @@ class Stage:
 
     def gbuffers(self, cameras: Sequence[Camera], side: int) -> Iterator[GBuffer]:
         """The same in batches of neighbouring cameras of one size, for any number of views of any size."""
-        first = 0
-        while first < len(cameras):
-            size = cameras[first].height, cameras[first].width
-            most = first + max(1, BATCH_POINTS // (size[0] * size[1] * side**2))
-            last = first + 1
-            while last < min(most, len(cameras)) and (cameras[last].height, cameras[last].width) == size:
-                last += 1
-            yield self.gbuffer(cameras[first:last], side)
-            first = last
+        for (height, width), group in groupby(cameras, lambda camera: (camera.height, camera.width)):
+            alike, most = list(group), max(1, BATCH_POINTS // (height * width * side**2))
+            for first in range(0, len(alike), most):
+                yield self.gbuffer(alike[first : first + most], side)
 
     def renderer(
         self,
@@ -95,10 +90,10 @@ class Stage:
         """
         key = (shadows, bounces, coat, atlas_size, control_variate)
         if key not in self._renderers:
-            visibility = NoShadows() if shadows == "none" else TracedShadows(self.rays, self.surface.offset)
-            baked = self.mesh, self.surface, self.rays, bounces, cache_folder()
+            baked = self.surface, self.rays, bounces
             indirect = bake_interreflection(*baked, atlas_size=atlas_size, controlled=control_variate) if bounces else None
-            self._renderers[key] = Renderer(self.surface, visibility, interreflection=indirect, coat=coat)
+            rays = None if shadows == "none" else self.rays
+            self._renderers[key] = Renderer(self.surface, rays, interreflection=indirect, coat=coat)
         return self._renderers[key]
 
 

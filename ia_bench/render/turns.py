@@ -1,17 +1,15 @@
-"""Light that turns with the camera, as the renderer meets it: views by their rotations, and what the object throws onto itself."""
+"""Light that turns with the camera, as the renderer meets it: views by their rotations."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.render.estimator import FromObject
 from ia_bench.render.gbuffer import GBuffer, SurfacePoints
-from ia_bench.render.indirect import IndirectLight
 from ia_bench.scenes.turning import TurningLight
 
 TURNS = 16
@@ -47,22 +45,3 @@ def in_the_light(surface: SurfacePoints, turn: Tensor) -> SurfacePoints:
     """N points whose normals and directions to the camera are those that the map of a light knows; ``turn`` (N, 3, 3)."""
     normal, view = (torch.einsum("nij,nj->ni", turn, each) for each in (surface.normal, surface.view))
     return replace(surface, normal=normal, view=view)
-
-
-@dataclass(frozen=True)
-class Bounced:
-    """What the ``texels`` of an object's atlas throw onto each other.
-
-    Of each of K turns of the light, and ``turn`` says which of these each view sees, (V,); None where the light stands still.
-    """
-
-    light: IndirectLight
-    texels: int
-    turn: Tensor | None = None
-
-    def seen_by(self, view: Tensor | None, seen: Tensor, atlas: Tensor) -> FromObject:
-        """The same in the eyes of points of the views ``view`` (N,); ``seen`` (N, count) and ``atlas`` as there."""
-        if self.turn is None or view is None:
-            return FromObject(self.light.arriving, self.light.leaving, atlas, seen)
-        first = (self.turn[view] * self.texels).int()
-        return FromObject(self.light.arriving, self.light.leaving, atlas, torch.where(seen < 0, seen, seen + first[:, None]), first)

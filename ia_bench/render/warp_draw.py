@@ -11,7 +11,7 @@ from ia_bench.common.native import LANES, MATH, WIDTH, native
 from ia_bench.light.warp_latlong import DIRECTIONS, SAMPLING, Tables
 from ia_bench.material.brdf import GOLDEN, PLASTIC
 from ia_bench.material.warp_brdf import BRDF
-from ia_bench.material.warp_textures import bilinear_taps, fetch_scalar
+from ia_bench.material.warp_textures import bilinear_taps, fetch_at
 
 wp.set_module_options({"enable_backward": False, "fast_math": False})
 
@@ -123,7 +123,7 @@ def draw(
     for n in range(item * lanes, wp.min((item + 1) * lanes, total)):
         alpha = float(1.0)
         if hit[n] != wp.uint8(0):
-            rough = fetch_scalar(roughness, bilinear_taps(uvs[n], roughness_side, roughness_side))
+            rough = fetch_at(roughness, bilinear_taps(uvs[n], roughness_side, roughness_side))
             alpha = rough * rough
         alphas[n] = alpha
     _draw(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import pandas as pd
 
 from ia_bench.report.collect import Runs, finished, reason_of
-from ia_bench.report.statistics import Estimate, Paired, better, holm, is_small, means, side_by_side
+from ia_bench.report.statistics import Estimate, Judged, better, is_small, judged, means, side_by_side
 from ia_bench.scores.metrics import MEASURED, METRICS, Metric
 
 PSNRS = tuple(metric for metric in METRICS if metric.label == "PSNR")
@@ -16,24 +16,16 @@ PSNRS = tuple(metric for metric in METRICS if metric.label == "PSNR")
 
 
 @dataclass(frozen=True)
-class Leader:
+class Leader(Judged):
     """The best ``row`` of a metric among those that do not see the truth and have every one of ``scenes`` scenes.
 
-    ``value``: its mean; ``second``: the next row, None where it is alone; ``lead``: best minus second, positive is better;
-    ``survives``: whether the lead is decided among those of all metrics.
+    ``value``: its mean; ``second``: the next row, None where it is alone; ``pairs``: best minus second.
     """
 
     row: str
     value: Estimate
     second: str | None
-    lead: Paired
     scenes: int
-    survives: bool = False
-
-    @property
-    def p_value(self) -> float | None:
-        """Of the lead; None without a second row, or where the two do not share runs in every scene."""
-        return self.lead.p_value if self.second is not None and len(self.lead.pairs) == self.scenes else None
 
     @property
     def sure(self) -> str:
@@ -44,7 +36,7 @@ class Leader:
             return "too few runs in common: how sure is unknown"
         if not is_small(self.p_value):
             return f"undecided: other {'scenes' if self.scenes > 1 else 'seeds'} may turn it"
-        if self.lead.scenes.mean() < 0:
+        if self.pairs.scenes.mean() < 0:
             return "behind on shared seeds"
         return "decided" if self.survives else "decided alone"
 
@@ -105,10 +97,8 @@ def block(runs: Runs, rows: Sequence[str], scenes: Sequence[str], title: str) ->
                 declared="declared" in mine and bool(mine["declared"].notna().any()),
             )
         )
-    leaders = {metric.key: found for metric in MEASURED if (found := _leader(runs, lines, metric, len(scenes))) is not None}
-    survivors = holm([one.p_value for one in leaders.values()])
-    judged = {key: replace(one, survives=mine) for (key, one), mine in zip(leaders.items(), survivors, strict=True)}
-    return Block(title, tuple(lines), judged, len(scenes))
+    leaders = [found for metric in MEASURED if (found := _leader(runs, lines, metric, len(scenes))) is not None]
+    return Block(title, tuple(lines), {one.metric.key: one for one in judged(leaders)}, len(scenes))
 
 
 def _leader(runs: Runs, lines: Sequence[Line], metric: Metric, scenes: int) -> Leader | None:
@@ -116,6 +106,7 @@ def _leader(runs: Runs, lines: Sequence[Line], metric: Metric, scenes: int) -> L
     ranked = [(row, value) for row, value in known if value is not None and value.scenes == scenes]
     if not ranked:
         return None
-    ranked.sort(key=lambda entry: -entry[1].mean if metric.higher_is_better else entry[1].mean)
+    ranked.sort(key=lambda entry: entry[1].mean, reverse=metric.higher_is_better)
     (row, value), second = ranked[0], ranked[1][0] if len(ranked) > 1 else None
-    return Leader(row, value, second, better(side_by_side(runs, metric.column), row, second or row, metric), scenes)
+    pairs = better(side_by_side(runs, metric.column), row, second or row, metric)
+    return Leader(metric, pairs, second is not None and len(pairs.pairs) == scenes, row, value, second, scenes)

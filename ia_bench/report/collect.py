@@ -61,6 +61,8 @@ WHOLE = ("seed", "photographs", "threads", "peak_memory_bytes", "rays", "network
 KEPT = ("folder", "reasons", "curve", "curve_problem", "record", "setup")  # never written
 SCORES = tuple(metric.column for metric in MEASURED)
 SPENT = ("seconds", "cpu_seconds", "load")
+OF_RECORD = (*CELL, "sees_truth", "preset", "threads")  # columns that stand in every record by their names
+COUNTED = ("cpu_seconds", "load", "peak_memory_bytes", "rays", "network_calls")  # the same of finished runs
 TIMES, RESCORED = "seconds_", "rescored_from_"  # what the columns of phases, and of the run behind a new score, begin with
 DECLARED = "declared"  # what the columns begin with that hold what is said of results made elsewhere
 
@@ -128,13 +130,8 @@ def read_run(folder: Path) -> Record:
         "folder": folder,
         "record": record,
         "setup": setup,
-        "row": record.row,
-        "scene": record.scene,
-        "seed": record.seed,
-        "sees_truth": record.sees_truth,
+        **{name: getattr(record, name) for name in OF_RECORD},
         "config_hash": record.config_hash[:HASH_DIGITS],
-        "preset": record.preset,
-        "threads": record.threads,
         "commit": environment.get("commit"),
         "clean": record.clean if environment.get("commit") else None,
         "cpu": cpu if isinstance(cpu := environment.get("cpu"), str) else None,
@@ -149,19 +146,15 @@ def read_run(folder: Path) -> Record:
     shape = {name: value for name, value in record.geometry.items() if name != "reasons"}
     variants: dict[str, dict[str, Any]] = {**record.variants, "geometry": shape}
     views, lpips = record.capture.get("views"), record.protocol_description.get("lpips")
-    net = f"lpips.net={lpips.get('net', 'unknown') if isinstance(lpips, dict) else 'unknown'}"
+    net = lpips.get("net", "unknown") if isinstance(lpips, dict) else "unknown"
     found |= {
-        "protocol": record.protocol if "lpips.net=" in record.protocol else f"{record.protocol} ({net})",
+        **{name: getattr(record, name) for name in COUNTED},
+        "protocol": record.protocol if "lpips.net=" in record.protocol else f"{record.protocol} (lpips.net={net})",
         **{metric.column: record.score(metric.key) for metric in MEASURED},
         **{f"{group}_{name}": value for group, values in variants.items() for name, value in values.items()},
         **{f"{TIMES}{phase}": seconds for phase, seconds in record.time_s.items()},
         **{f"{RESCORED}{key}": value for key, value in record.rescored_from.items()},
         "seconds": row_seconds(record.time_s),
-        "cpu_seconds": record.cpu_seconds,
-        "load": record.load,
-        "peak_memory_bytes": record.peak_memory_bytes,
-        "rays": record.rays,
-        "network_calls": record.network_calls,
         "photographs": views if type(views) is int and views > 0 else None,
         "reasons": {**{metric.key: NOT_SCORED for metric in MEASURED if record.score(metric.key) is None}, **record.reasons},
     }

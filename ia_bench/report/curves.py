@@ -19,6 +19,7 @@ from ia_bench.scores.metrics import CURVE_METRICS, METRIC_OF, Metric
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 DASHES = ("-", (0, (5, 1.5)), (0, (5, 1, 1, 1)))  # in turn, so that rows of like colours differ; with ten colours, 30 rows
@@ -108,6 +109,7 @@ def save(figure: Figure, path: Path) -> list[Path]:
     import matplotlib
 
     files = [path.with_name(f"{path.name}.{kind}") for kind in ("png", "svg")]
+    path.parent.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context({"svg.hashsalt": "ia_bench"}):
         with whole_file(files[0]) as partial:
             figure.savefig(partial, dpi=130)
@@ -116,9 +118,20 @@ def save(figure: Figure, path: Path) -> list[Path]:
     return files
 
 
+def _finish(panel: Axes, axes: Sequence[Axis], subs: Sequence[float]) -> None:
+    """Write round numbers (``subs`` times powers of ten) on logarithmic axes, and no powers of ten; draw a grid without a frame."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    for axis in axes:
+        axis.set_major_locator(LogLocator(subs=subs))
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_formatter(NullFormatter())
+    panel.grid(which="major", color="0.9", linewidth=0.8)
+    panel.spines[["top", "right"]].set_visible(False)
+
+
 def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Curve]]) -> None:
     from matplotlib import color_sequences
-    from matplotlib.ticker import LogLocator, NullFormatter
 
     colours = color_sequences["petroff10"]  # told apart by colour-blind readers too
     for index, (row, found) in enumerate(curves.items()):
@@ -133,12 +146,7 @@ def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Curve]]) ->
     panel.set(xscale="log", yscale="log" if metric.name == "mse" else "linear", xlabel="seconds of optimisation")
     panel.set_ylabel("dB" if metric.name == "psnr" else "squared error")
     panel.set_title(metric.title, fontsize=11)
-    for axis in (panel.xaxis, panel.yaxis) if metric.name == "mse" else (panel.xaxis,):  # 1, 2, 5, 10, ... and no powers of ten
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_formatter(NullFormatter())
-    panel.grid(which="major", color="0.9", linewidth=0.8)
-    panel.spines[["top", "right"]].set_visible(False)
+    _finish(panel, (panel.xaxis, panel.yaxis) if metric.name == "mse" else (panel.xaxis,), (1, 2, 5))
     if not panel.has_data():
         panel.text(0.5, 0.5, "not measured", transform=panel.transAxes, ha="center", color="0.5")
 
@@ -169,14 +177,15 @@ def draw_pareto(found: list[dict[str, Any]]) -> Figure | None:
     shown = found[:CAPTURES]
     figure = Figure(figsize=(6.2 * len(keys), 4.2 * len(shown)), layout="constrained")
     panels = figure.subplots(len(shown), len(keys), squeeze=False)
-    for line, one in zip(panels, shown, strict=True):
-        for panel, metric in zip(line, keys, strict=True):
-            _draw_front(panel, metric, one)
+    drawn = [
+        (panel, metric, one) for line, one in zip(panels, shown, strict=True) for panel, metric in zip(line, keys, strict=True)
+    ]
+    for panel, metric, one in drawn:
+        _draw_front(panel, metric, one)
     figure.draw_without_rendering()  # after which panels stay where they are
-    for line, one in zip(panels, shown, strict=True):
-        for panel, metric in zip(line, keys, strict=True):
-            rows = [row for row in one["rows"] if metric.key in row["scores"]]
-            _name_points(panel, {plain(row["name"]): (row["cost"], row["scores"][metric.key]) for row in rows})
+    for panel, metric, one in drawn:
+        rows = [row for row in one["rows"] if metric.key in row["scores"]]
+        _name_points(panel, {plain(row["name"]): (row["cost"], row["scores"][metric.key]) for row in rows})
     return figure
 
 
@@ -211,8 +220,6 @@ def _name_points(panel: Axes, points: dict[str, tuple[float, float]]) -> None:
 
 
 def _draw_front(panel: Axes, metric: Metric, one: dict[str, Any]) -> None:
-    from matplotlib.ticker import LogLocator, NullFormatter
-
     rows = [row for row in one["rows"] if metric.key in row["scores"]]
     front = [row for row in rows if metric.key in row["front"]]
     curve: list[dict[str, Any]] = []
@@ -231,10 +238,6 @@ def _draw_front(panel: Axes, metric: Metric, one: dict[str, Any]) -> None:
     panel.set(xscale="log", xlabel=f"seconds of a fit, times those of {plain(one['reference'])}", ylabel="dB")
     named = [f"{metric.group} {metric.label}", *([plain(one["capture"])] if one["capture"] else [])]
     panel.set_title(", ".join(named), fontsize=10)
-    panel.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
-    panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    panel.xaxis.set_minor_formatter(NullFormatter())
     panel.margins(x=0.18, y=0.12)
     panel.legend(fontsize=8, frameon=False, loc="best")
-    panel.grid(which="major", color="0.9", linewidth=0.8)
-    panel.spines[["top", "right"]].set_visible(False)
+    _finish(panel, (panel.xaxis,), (1, 1.5, 2, 3, 5, 7))

@@ -12,7 +12,7 @@ import pandas as pd
 from ia_bench.common.settings import flat
 from ia_bench.report.blocks import Block, block
 from ia_bench.report.collect import NOT_SCORED, Collection, Runs, finished, name_of, reason_of
-from ia_bench.report.seconds import WORTH_METRICS, Compared, Timing, compared, points, seconds_table, timing
+from ia_bench.report.seconds import Timing, points, seconds_table, timing
 from ia_bench.report.statistics import Estimate, Paired, Verdict, judge, means, paired, side_by_side
 from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, Printed, counterparts, paper_rows
 from ia_bench.report.worth import Gain, gains
@@ -26,9 +26,8 @@ MOST = 5
 """So many things that differ are named, with their values; of more, how many there are."""
 MADE_BY = {"preset": "presets", "threads": "numbers of threads", "commit": "commits", "cpu": "processors"}
 RECORDED = ("preset", "threads", "commit")
-BUSY = 1.25  # programs for each core, from which on they take each other's time
 """Of these, what has to be alike for numbers to compare."""
-UNKNOWN = "unknown"
+BUSY = 1.25  # programs for each core, from which on they take each other's time
 
 
 @dataclass(frozen=True)
@@ -88,17 +87,12 @@ class Findings:
     def timing(self) -> Timing | None:
         """What rows cost beside their reference; None where nothing is compared, or took no time."""
         found = timing(self.runs, self.table, self.reference)
-        return found if found is not None and points(self.runs, found) else None  # photographs alone have no score of these
-
-    @cached_property
-    def gained(self) -> dict[str, Compared]:
-        """Row -> what it is beside its reference in the first of WORTH_METRICS, aligned albedo."""
-        return {} if self.timing is None else compared(self.runs, self.timing, WORTH_METRICS[0])
+        return found if found is not None and points(found) else None  # photographs alone have no score of these
 
     @cached_property
     def timed(self) -> Printed | None:
         """The table of gains at equal seconds."""
-        return None if self.timing is None else seconds_table(self.runs, self.timing, len(self.scenes))
+        return None if self.timing is None else seconds_table(self.timing, len(self.scenes))
 
     @cached_property
     def undefined(self) -> dict[str, str]:
@@ -131,7 +125,7 @@ class Findings:
     def _made(self) -> pd.DataFrame:
         """By what every run was made, as texts; commits are cut to 12 digits, as some records have them."""
         made = self.runs[list(MADE_BY)].astype(object)
-        made = made.where(made.notna(), UNKNOWN).astype(str)
+        made = made.where(made.notna(), "unknown").astype(str)
         return made.assign(commit=made["commit"].str.replace(r"^([0-9a-f]{12})[0-9a-f]+", r"\1", regex=True))
 
     @property
@@ -209,21 +203,15 @@ def analyse(collection: Collection, table: Table | None = None, rows: Sequence[s
     scenes = _ordered(table.scene_names, runs["scene"])
     places = {"row": rows.index, "scene": scenes.index}
     runs = runs.sort_values(["row", "scene", "seed"], key=lambda one: one.map(places.get(one.name, int))).reset_index(drop=True)
-    known = [row for row in rows if row == table.compared]
-    if table.compared is not None:
-        known += [row for row in rows if row.startswith(f"{table.compared}, ")]  # "none, hull": a name may end with its capture
-    uncurved = runs[runs["curve_problem"].notna()]
-    notes = (
-        *_mixed_rows(runs),
-        *(
-            f"{name_of(one)}: left out, scored under {one['protocol']} and not {protocol} ({one['folder']})"
-            for one in others.to_dict("records")
-        ),
-        *(f"left out, no record of a run: {problem}" for problem in collection.unreadable),
-        *(f"{name_of(run)}: no curve: {run['curve_problem']}" for run in uncurved.to_dict("records")),
-    )
-    reference = known[0] if table.compared in rows or len(known) == 1 else None
-    return Findings(protocol, table, runs, rows, scenes, reference, counterparts(table.papers), notes)
+    longer = [row for row in rows if table.compared and row.startswith(f"{table.compared}, ")]  # "none, hull": with its capture
+    reference = table.compared if table.compared in rows else longer[0] if len(longer) == 1 else None
+    notes = _mixed_rows(runs)
+    for one in others.to_dict("records"):
+        notes.append(f"{name_of(one)}: left out, scored under {one['protocol']} and not {protocol} ({one['folder']})")
+    notes += [f"left out, no record of a run: {problem}" for problem in collection.unreadable]
+    uncurved = runs[runs["curve_problem"].notna()].to_dict("records")
+    notes += [f"{name_of(run)}: no curve: {run['curve_problem']}" for run in uncurved]
+    return Findings(protocol, table, runs, rows, scenes, reference, counterparts(table.papers), tuple(notes))
 
 
 def _ordered(first: Sequence[str], found: Iterable[str]) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -86,19 +87,19 @@ class Clock:
         not compare. The front is of rows of ``ranked`` that have every scene of the reference: their score is its level plus what
         they gain.
         """
-        sign, own, found = 1 if metric.higher_is_better else -1, scores.get(self.reference, {}), {}
-        scenes = {scene for scene, _ in own}
+        sign, own, found = 1 if metric.higher_is_better else -1, Paired.of(scores.get(self.reference, {})), {}
         for row in self.rows:
-            gain, pairs = better(scores, row, self.reference, metric), dict[str, dict[int, float]]()
-            for (scene, seed), score in scores.get(row, {}).items() if row in self.costs else ():
-                if all((scene, seed) in scores.get(one, {}) for one in self.curve):
-                    points = [(self.costs[one], sign * scores[one][scene, seed]) for one in self.curve]
-                    pairs.setdefault(scene, {})[seed] = sign * score - best_after(points, self.costs[row])
-            whole = row in self.costs and row in self.ranked and gain.count > 0 and gain.pairs.keys() == scenes
-            mean = _mean_over_scenes(own) + sign * float(gain.scenes.mean()) if whole else None
-            beyond = row in self.costs and self.costs[row] > self.costs[self.curve[-1]]
-            judged = not beyond and row not in self.curve and pairs.keys() >= scenes
-            found[row] = Compared(gain, Paired(pairs), beyond, judged, mean)
+            gain, equal, cost = better(scores, row, self.reference, metric), {}, self.costs.get(row)
+            for cell, score in scores.get(row, {}).items():
+                if cost is not None and all(cell in scores.get(one, {}) for one in self.curve):
+                    points = [(self.costs[one], sign * scores[one][cell]) for one in self.curve]
+                    equal[cell] = sign * score - best_after(points, cost)
+            pairs = Paired.of(equal)
+            whole = cost is not None and row in self.ranked and gain.count > 0 and gain.pairs.keys() == own.pairs.keys()
+            mean = float(own.scenes.mean()) + sign * float(gain.scenes.mean()) if whole else None
+            beyond = cost is not None and cost > self.costs[self.curve[-1]]
+            judged = not beyond and row not in self.curve and pairs.pairs.keys() >= own.pairs.keys()
+            found[row] = Compared(gain, pairs, beyond, judged, mean)
         ranked = {row: sign * one.score for row, one in found.items() if one.score is not None}
         ordered = sorted(ranked, key=lambda row: (self.costs[row], -ranked[row]))
         front = [row for place, row in enumerate(ordered) if all(ranked[row] > ranked[one] for one in ordered[:place])]
@@ -107,16 +108,25 @@ class Clock:
 
 @dataclass(frozen=True)
 class Timing:
-    """The clock of every capture; ``counted``: what seconds are (CPU, STATED, WALL); ``unequal``: why they hardly compare."""
+    """The clock of every capture.
 
+    ``runs``: all runs of the report; ``counted``: what seconds are (CPU, STATED, WALL); ``unequal``: why they hardly compare.
+    """
+
+    runs: Runs
     counted: str
     unequal: str
     clocks: tuple[Clock, ...]
 
-    @property
-    def references(self) -> set[str]:
-        """The rows that others are compared with."""
-        return {clock.reference for clock in self.clocks}
+    def compared(self, metric: Metric) -> dict[str, Compared]:
+        """Row -> what it is beside its reference, capture after capture."""
+        scores = side_by_side(self.runs, metric.column)
+        return {row: one for clock in self.clocks for row, one in clock.compared(scores, metric).items()}
+
+    @cached_property
+    def gains(self) -> dict[Metric, dict[str, Compared]]:
+        """The same in each of WORTH_METRICS."""
+        return {metric: self.compared(metric) for metric in WORTH_METRICS}
 
     @property
     def told(self) -> str:
@@ -184,26 +194,18 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
             clocks.append(Clock(label, first, rows, costs, tuple(curve), lacking, blind))
     measured = done[done["row"].isin([row for clock in clocks for row in clock.costs])]
     clocks = [clock for clock in clocks if len(clock.rows) > 1]
-    return Timing(counted, _unequal(measured, counted), tuple(clocks)) if clocks else None
+    return Timing(runs, counted, _unequal(measured, counted), tuple(clocks)) if clocks else None
 
 
 def _cost(spent: ScoresByCell, row: str, reference: str, stated: Mapping[str, float] | None) -> float | None:
     """Seconds of a row over the reference's; None where they share no run, or the table states no cost of one."""
     if stated is not None:
         return stated[row] / stated[reference] if row in spent and row in stated and reference in stated else None
-    cells = spent.get(row, {}).keys() & spent.get(reference, {}).keys()
+    cells = [cell for cell in spent.get(row, {}) if cell in spent.get(reference, {})]
     if not cells:
         return None
-    ours, theirs = (_mean_over_scenes({cell: spent[one][cell] for cell in cells}) for one in (row, reference))
-    return ours / theirs
-
-
-def _mean_over_scenes(values: Mapping[tuple[str, int], float]) -> float:
-    """Mean over scenes of the means over their seeds."""
-    scenes: dict[str, list[float]] = {}
-    for (scene, _), value in values.items():
-        scenes.setdefault(scene, []).append(value)
-    return float(np.mean([np.mean(seeds) for seeds in scenes.values()]))
+    ours, theirs = (Paired.of({cell: spent[one][cell] for cell in cells}).scenes.mean() for one in (row, reference))
+    return float(ours / theirs)
 
 
 def _unequal(measured: Runs, counted: str) -> str:
@@ -221,20 +223,13 @@ def _unequal(measured: Runs, counted: str) -> str:
 # ---- what is told ------------------------------------------------------------------------------------------------------
 
 
-def compared(runs: Runs, time: Timing, metric: Metric) -> dict[str, Compared]:
-    """Row -> what it is beside its reference, capture after capture."""
-    scores = side_by_side(runs, metric.column)
-    return {row: one for clock in time.clocks for row, one in clock.compared(scores, metric).items()}
-
-
-def seconds_table(runs: Runs, time: Timing, scenes: int) -> Printed:
+def seconds_table(time: Timing, scenes: int) -> Printed:
     """A line for every row: its cost, and in each of WORTH_METRICS its gain, that at equal seconds, whether it is on the front."""
-    found = {metric: compared(runs, time, metric) for metric in WORTH_METRICS}
     body: list[list[Entry | str]] = []
     for clock in time.clocks:
         for row in clock.rows:
             cells: list[Entry | str] = [row, f"{clock.costs[row]:.2f}" if row in clock.costs else "–"]
-            for metric, rows in found.items():
+            for metric, rows in time.gains.items():
                 one = rows[row]
                 late = f" {BEYOND}" if one.beyond and one.equal.count else ""
                 told = [difference_text(one.gain, metric, scenes), difference_text(one.equal, metric, scenes) + late]
@@ -244,13 +239,12 @@ def seconds_table(runs: Runs, time: Timing, scenes: int) -> Printed:
     return Printed(["Row", f"Seconds / {time.clocks[0].short(time.clocks[0].reference)}", *heads], body)
 
 
-def seconds_records(runs: Runs, time: Timing) -> Iterable[Record]:
+def seconds_records(time: Timing) -> Iterable[Record]:
     """Lines of seconds.csv: every row in each of WORTH_METRICS.
 
     What is decided at equal seconds is so among all that are judged in a metric; the others have no p-value.
     """
-    for metric in WORTH_METRICS:
-        found = compared(runs, time, metric)
+    for metric, found in time.gains.items():
         judged = {row: one.equal.p_value for row, one in found.items() if one.judged}
         survivors = dict(zip(judged, holm([*judged.values()]), strict=True))
         for clock, row in [(one, row) for one in time.clocks for row in one.rows]:
@@ -265,13 +259,13 @@ def seconds_records(runs: Runs, time: Timing) -> Iterable[Record]:
             yield line | {"equal_seconds_p_value": judged.get(row), "equal_seconds_decided": survivors.get(row)}
 
 
-def points(runs: Runs, time: Timing) -> list[Record]:
+def points(time: Timing) -> list[Record]:
     """Score against seconds as JSON types: for every capture its ``rows``, the cheapest first, with cost and scores by metric.
 
     ``front``: metrics in which a row is on the front; ``curve``: whether it is the reference, or that with more work. Captures
     under which the reference has no curve are left out, if others have one.
     """
-    tables = {metric.key: compared(runs, time, metric) for metric in WORTH_METRICS}
+    tables = {metric.key: rows for metric, rows in time.gains.items()}
     found = []
     for clock in [one for one in time.clocks if len(one.curve) > 1] or time.clocks[:1]:
         rows = [

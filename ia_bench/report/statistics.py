@@ -9,8 +9,9 @@ their scenes and seeds are paired (:class:`Paired`). What many comparisons decid
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.stats import binomtest
@@ -63,6 +64,14 @@ class Paired:
 
     pairs: dict[str, dict[int, float]]
 
+    @classmethod
+    def of(cls, cells: Mapping[tuple[str, int], float]) -> Paired:
+        """From (scene, seed) -> difference."""
+        pairs: dict[str, dict[int, float]] = {}
+        for (scene, seed), value in cells.items():
+            pairs.setdefault(scene, {})[seed] = value
+        return cls(pairs)
+
     @property
     def seeds(self) -> list[np.ndarray]:
         """The differences of every scene."""
@@ -112,8 +121,8 @@ class Paired:
     @property
     def carriers(self) -> list[tuple[str, int]]:
         """The pairs (scene, seed) that carry the mean: without any one of them it is zero or has the other sign."""
-        means = {scene: float(np.mean(list(seeds.values()))) for scene, seeds in self.pairs.items()}
-        mean = float(np.mean(list(means.values()))) if means else 0.0
+        means = dict(zip(self.pairs, self.scenes.tolist(), strict=True))
+        mean = float(self.scenes.mean()) if means else 0.0
         found = []
         for scene, seeds in self.pairs.items():
             for seed in seeds:
@@ -134,31 +143,51 @@ class Paired:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What the runs say about one metric of a claim that row ``better`` is above row ``worse``.
+class Judged:
+    """Two rows in one ``metric``, judged together with others.
 
-    ``pairs``: better minus worse, positive where the claim holds; ``complete``: whether the rows share runs in every scene;
-    ``survives``: whether it is decided among all claims of its table.
+    ``pairs``: their differences, positive where the first one is better; ``complete``: whether they share runs in every scene;
+    ``survives``: whether the difference is decided among all that are judged together.
     """
 
-    better: str
-    worse: str
     metric: Metric
     pairs: Paired
     complete: bool
-    survives: bool = False
+    survives: bool = field(default=False, kw_only=True)
 
     @property
     def p_value(self) -> float | None:
-        """None also where a scene is missing: what survives of a row that failed elsewhere says nothing about the table."""
+        """None also where a scene is missing: what survives of a row that failed elsewhere decides nothing."""
         return self.pairs.p_value if self.complete else None
+
+    @property
+    def alone(self) -> bool:
+        """Whether it would be decided only if it stood alone."""
+        return is_small(self.p_value) and not self.survives
+
+
+J = TypeVar("J", bound=Judged)
+
+
+def judged(family: Sequence[J]) -> list[J]:
+    """The same, each with whether it survives Holm's correction among all of the family."""
+    survivors = holm([one.p_value for one in family])
+    return [replace(one, survives=survives) for one, survives in zip(family, survivors, strict=True)]
+
+
+@dataclass(frozen=True)
+class Verdict(Judged):
+    """What the runs say about one metric of a claim that row ``better`` is above row ``worse``, among all claims of its table."""
+
+    better: str
+    worse: str
 
     @property
     def outcome(self) -> str:
         """One of OUTCOMES: decided where it ``survives``; undecided also where there is no p-value."""
         if not is_small(self.p_value):
             return "undecided"
-        return f"{'' if self.pairs.scenes.mean() > 0 else 'not '}reproduced{'' if self.survives else ' alone'}"
+        return f"{'' if self.pairs.scenes.mean() > 0 else 'not '}reproduced{' alone' if self.alone else ''}"
 
 
 def half_width(values: np.ndarray) -> float | None:
@@ -230,11 +259,7 @@ def side_by_side(runs: Runs, column: str) -> ScoresByCell:
 def paired(scores: ScoresByCell, row: str, reference: str) -> Paired:
     """Row minus reference wherever both have a value for the same scene and seed."""
     theirs = scores.get(reference, {})
-    pairs: dict[str, dict[int, float]] = {}
-    for (scene, seed), value in scores.get(row, {}).items():
-        if (scene, seed) in theirs:
-            pairs.setdefault(scene, {})[seed] = value - theirs[scene, seed]
-    return Paired(pairs)
+    return Paired.of({cell: value - theirs[cell] for cell, value in scores.get(row, {}).items() if cell in theirs})
 
 
 def better(scores: ScoresByCell, row: str, other: str, metric: Metric) -> Paired:
@@ -251,9 +276,8 @@ def judge(runs: Runs, claims: Sequence[Claim], scenes: Sequence[str]) -> list[Ve
     for claim in claims:
         for metric in map(METRIC_OF.__getitem__, claim.metrics):
             pairs = better(side_by_side(runs, metric.column), claim.better, claim.worse, metric)
-            verdicts.append(Verdict(claim.better, claim.worse, metric, pairs, pairs.pairs.keys() >= set(scenes)))
-    survivors = holm([one.p_value for one in verdicts])
-    return [replace(one, survives=survives) for one, survives in zip(verdicts, survivors, strict=True)]
+            verdicts.append(Verdict(metric, pairs, pairs.pairs.keys() >= set(scenes), claim.better, claim.worse))
+    return judged(verdicts)
 
 
 def tally(verdicts: Sequence[Verdict]) -> str:

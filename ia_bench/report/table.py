@@ -6,14 +6,14 @@ has a table of its own.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib import resources
+
+import pandas as pd
 
 from ia_bench.common.errors import InputError
-from ia_bench.report.blocks import PSNRS, Block
+from ia_bench.common.paths import PACKAGE
+from ia_bench.report.blocks import PSNRS, Block, Line
 from ia_bench.report.collect import NOT_SCORED
 from ia_bench.report.statistics import Estimate, Paired, Verdict
 from ia_bench.scores.metrics import MEASURED, METRICS, Metric
@@ -68,11 +68,8 @@ class Printed:
 
 def paper_rows() -> tuple[PaperRow, ...]:
     """Table 1 of the IntrinsicAnything paper, shipped as data; of the metrics, those that it has."""
-    text = resources.files("ia_bench.report").joinpath("paper_table1.csv").read_text(encoding="utf-8")
-    return tuple(
-        PaperRow(cells["method"], cells["group"], {m.key: float(cells[m.column]) for m in METRICS if m.column in cells})
-        for cells in csv.DictReader(io.StringIO(text))
-    )
+    lines = pd.read_csv(PACKAGE / "report" / "paper_table1.csv").to_dict("records")
+    return tuple(PaperRow(one["method"], one["group"], {m.key: one[m.column] for m in METRICS if m.column in one}) for one in lines)
 
 
 def counterparts(papers: Mapping[str, str]) -> dict[str, PaperRow]:
@@ -84,25 +81,14 @@ def counterparts(papers: Mapping[str, str]) -> dict[str, PaperRow]:
     return {row: printed[name] for row, name in papers.items()}
 
 
-def best_paper_methods(rows: Sequence[PaperRow], metric: Metric) -> set[str]:
-    """The methods that the paper prints in bold for this metric: the best, all rows ranked together."""
-    best = (max if metric.higher_is_better else min)(row.values[metric.key] for row in rows)
-    return {row.method for row in rows if row.values[metric.key] == best}
-
-
-def widths_text(widths: Sequence[float | None], metric: Metric) -> str:
-    """Half widths as "0.12 / 0.80", – for one that is None; empty where all are."""
-    texts = ["–" if width is None else metric.text(width) for width in widths]
-    return "" if set(texts) == {"–"} else " / ".join(texts)
+def seconds_text(one: Line) -> str:
+    """Seconds of a row, and whether they are what somebody says."""
+    return "–" if one.seconds is None else f"{one.seconds.mean:.1f}{' (declared)' if one.declared else ''}"
 
 
 def estimate_text(value: Estimate | None, metric: Metric, scenes: int) -> str:
     """The mean, "± over seeds / over scenes", and the number of scenes where some are missing; – for no value."""
-    if value is None:
-        return "–"
-    widths = widths_text([value.half_width, value.wider][: 1 if scenes == 1 else 2], metric)
-    missing = f" ({value.scenes}/{scenes})" if value.scenes < scenes else ""
-    return f"{metric.text(value.mean)}{widths and f' ± {widths}'}{missing}"
+    return "–" if value is None else f"{metric.text(value.mean)}{_widths(value, metric, scenes, value.half_width, value.wider)}"
 
 
 def difference_text(pairs: Paired, metric: Metric, scenes: int = 1) -> str:
@@ -110,9 +96,15 @@ def difference_text(pairs: Paired, metric: Metric, scenes: int = 1) -> str:
     value = pairs.over_seeds
     if value is None:
         return "–"
-    widths = widths_text([value.half_width, value.wider, pairs.new_scene][: 1 if scenes == 1 else 3], metric)
+    widths = _widths(value, metric, scenes, value.half_width, value.wider, pairs.new_scene)
+    return f"{value.mean:+.{metric.digits}f}{widths}{' ‡' if pairs.carriers else ''}"
+
+
+def _widths(value: Estimate, metric: Metric, scenes: int, *widths: float | None) -> str:
+    """Half widths as " ± 0.12 / 0.80", of a single scene the first alone, – for None; " (3/4)" behind where scenes are missing."""
+    texts = ["–" if width is None else metric.text(width) for width in (widths[:1] if scenes == 1 else widths)]
     missing = f" ({value.scenes}/{scenes})" if value.scenes < scenes else ""
-    return f"{value.mean:+.{metric.digits}f}{widths and f' ± {widths}'}{missing}{' ‡' if pairs.carriers else ''}"
+    return ("" if set(texts) == {"–"} else f" ± {' / '.join(texts)}") + missing
 
 
 def p_text(value: float | None) -> str:
@@ -138,7 +130,7 @@ def measured(block: Block, metrics: Sequence[Metric] = MEASURED) -> list[Metric]
 def left_out(block: Block) -> list[str]:
     """A sentence for every column that is left out, with its reasons: "Roughness MSE: no true roughness"."""
     found = []
-    for metric in [one for one in MEASURED if one not in measured(block)]:
+    for metric in (one for one in MEASURED if one not in measured(block)):
         reasons = dict.fromkeys(reason for one in block.lines for reason in one.reasons[metric.key])
         if metric in METRICS or {*reasons} - {NOT_SCORED}:  # of what is newer than all records nobody has to know
             found.append(f"{metric.title}: {'; '.join(reasons) or 'every run failed'}")
@@ -168,15 +160,13 @@ def results_table(
         cells: list[Entry | str] = [f"{one.row}{bound}{' †' if one.sees_truth else ''}"]
         for metric in metrics:
             value = one.values[metric.key]
-            text = estimate_text(
-                value if widths or value is None else replace(value, half_width=None, wider=None), metric, block.scenes
-            )
+            value = value if widths or value is None else replace(value, half_width=None, wider=None)
+            text = estimate_text(value, metric, block.scenes)
             why = tuple(notes[reason] for reason in one.reasons[metric.key] if reason in notes)
             cells.append(Entry(text, block.is_best(one.row, metric), why))
         if made is not None:
-            seconds = "–" if one.seconds is None else f"{one.seconds.mean:.1f}{' (declared)' if one.declared else ''}"
             memory = "–" if one.peak_memory_bytes is None else f"{one.peak_memory_bytes / 2**20:.0f} MiB"
-            cells += [seconds, memory, f"{one.failed}/{one.runs}", *(texts.get(one.row, "–") for texts in made.values())]
+            cells += [seconds_text(one), memory, f"{one.failed}/{one.runs}", *(texts.get(one.row, "–") for texts in made.values())]
         body.append(cells)
     more = [] if made is None else [*COSTS, *made]
     return Printed(["Row", *map(_head, metrics), *more], body)
@@ -188,12 +178,11 @@ def _head(metric: Metric) -> str:
 
 
 def paper_table(rows: Sequence[PaperRow]) -> Printed:
-    """The paper's figures, as it prints them."""
+    """The paper's figures as it prints them, in bold the best of all rows."""
     metrics = [metric for metric in METRICS if metric.key in rows[0].values]
-    best = {metric.key: best_paper_methods(rows, metric) for metric in metrics}
+    best = {m: (max if m.higher_is_better else min)(row.values[m.key] for row in rows) for m in metrics}
     body: list[list[Entry | str]] = [
-        [row.method, *(Entry(metric.text(row.values[metric.key]), row.method in best[metric.key]) for metric in metrics)]
-        for row in rows
+        [row.method, *(Entry(m.text(row.values[m.key]), row.values[m.key] == best[m]) for m in metrics)] for row in rows
     ]
     return Printed(["Paper's row", *(metric.title for metric in metrics)], body)
 
@@ -214,20 +203,24 @@ def beside_paper_table(block: Block, counterparts: Mapping[str, PaperRow]) -> Pr
 
 def whole_table(block: Block) -> Printed:
     """Every PSNR over the object's pixels, and over whole images; nothing where no run has the latter."""
-    lines = [one for one in block.lines if any(one.whole.values())]
-    texts = [[estimate_text(v[m.key], m, block.scenes) for m in PSNRS for v in (one.values, one.whole)] for one in lines]
-    heads = [f"{m.title}, {over}" for m in PSNRS for over in ("object", "whole image")]
-    return Printed(["Row", *heads], [[one.row, *cells] for one, cells in zip(lines, texts, strict=True)])
+    rows = {one.row: (one.values, one.whole) for one in block.lines if any(one.whole.values())}
+    return _two_ways(rows, PSNRS, ("object", "whole image"), block.scenes)
 
 
-def redrawn_table(rows: Mapping[str, Mapping[str, Estimate | None]], overall: Block) -> Printed:
+def redrawn_table(redrawn: Mapping[str, Mapping[str, Estimate | None]], overall: Block) -> Printed:
     """A line per row with a renderer of its own: each metric of renders by that one, and by the reference renderer."""
     own = {one.row: one.values for one in overall.lines}
-    body = [
-        [row, *(estimate_text(values[m.key], m, overall.scenes) for m in RENDERED for values in (own[row], reference))]
-        for row, reference in rows.items()
-    ]
-    return Printed(["Row", *(f"{m.title}, {by}" for m in RENDERED for by in ("its own", "reference"))], body)
+    rows = {row: (own[row], reference) for row, reference in redrawn.items()}
+    return _two_ways(rows, RENDERED, ("its own", "reference"), overall.scenes)
+
+
+def _two_ways(
+    rows: Mapping[str, Sequence[Mapping[str, Estimate | None]]], metrics: Sequence[Metric], ways: Sequence[str], scenes: int
+) -> Printed:
+    """A line per row, and each metric in two ways."""
+    heads = [f"{metric.title}, {way}" for metric in metrics for way in ways]
+    texts = {row: [estimate_text(one[m.key], m, scenes) for m in metrics for one in values] for row, values in rows.items()}
+    return Printed(["Row", *heads], [[row, *cells] for row, cells in texts.items()])
 
 
 def differences_table(differences: Mapping[str, Mapping[str, Paired]], scenes: Sequence[str]) -> list[tuple[str, Printed]]:

@@ -15,10 +15,10 @@ import numpy as np
 from ia_bench.report.collect import Record
 from ia_bench.report.curves import plain, save
 from ia_bench.report.findings import Findings
-from ia_bench.report.statistics import HOW_DECIDED, half_width
+from ia_bench.report.statistics import half_width
 from ia_bench.report.table import Entry, Printed, carried_text, p_text
 from ia_bench.report.worth import NOTHING_LEFT_OUT, Gain, Map, maps, worth
-from ia_bench.report.write import begins_with, csv_text, pipe_table, remove_all_but, write_text
+from ia_bench.report.write import begins_with, csv_text, filled, remove_all_but, write_whole
 from ia_bench.scores.metrics import METRIC_OF
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def write_value(findings: Findings, out: Path) -> list[Path]:
     if photographs:
         texts["photographs.csv"] = csv_text(photographs)
     ours = begins_with(out / FILES[0], TITLE)
-    written = [write_text(out / name, content) for name, content in texts.items()]
+    written = [write_whole(out / name, content) for name, content in texts.items()]
     drawn = [one for one in shown if one.metric.label == "PSNR"]  # which share a scale
     written += save(_draw(drawn), out / "value") if drawn else []
     if ours:
@@ -54,31 +54,21 @@ def _text(findings: Findings, shown: Sequence[Map], photographs: Sequence[Record
     """The page to read."""
     found = findings.gains
     reference = found[0].reference
-    parts = [
-        TITLE,
-        *(f"**{warning}**\n" for warning in findings.warnings),
-        f"Every row against `{reference}` of the same scene, seed and capture: mean over scenes, with the 95 % interval of the "
-        "bootstrap over scenes and seeds; of eight scenes or more, in how many it is above zero, with the sign test's p-value. "
-        "More is better in every column. **Bold**: decided; ° decided alone. "
-        + HOW_DECIDED.format(family="all cells of one metric").replace("\n", " ")
-        + " Intervals over scenes and of a new scene, p-values, the smallest effect that would have been found, and what carries a "
-        "mean are in value.csv.\n",
-        f"The column `{reference}` is its level over all of its runs of that capture: mean over scenes of the means over their "
-        "seeds. A row that has fewer scenes or seeds is compared with these alone (`reference` in value.csv), so that this column "
-        "plus a gain need not be that row's own level.\n",
-    ]
-    for one in shown:
-        body = [[label, one.metric.text(level), *map(_entry, some)] for label, level, some in one.lines]
-        parts += [f"## {one.metric.title}\n", pipe_table(Printed(["capture", reference, *one.rows], body))]
-    if photographs:
-        head = ["row", "metric", "photographs", f"photographs that {reference} needs", "95 %"]
-        parts += [
-            f"## In photographs\n\nHow many `{reference}` needs to be where a row is.\n",
-            pipe_table(Printed(head, [*map(_line, photographs)])),
-        ]
-    scenes = sorted({scene for gain in found for scene in gain.pairs.pairs})
-    parts.append(f"Scenes: {', '.join(scenes)}. Seeds differ between cells; the first cell has {found[0].pairs.count} pairs.\n")
-    return "\n".join(parts)
+    head = ["row", "metric", "photographs", f"photographs that {reference} needs", "95 %"]
+    return filled(
+        "value.md",
+        findings,
+        reference=reference,
+        maps=[(one.metric.title, _printed(one)) for one in shown],
+        photographs=Printed(head, [*map(_line, photographs)]),
+        scenes=sorted({scene for gain in found for scene in gain.pairs.pairs}),
+        pairs=found[0].pairs.count,
+    )
+
+
+def _printed(one: Map) -> Printed:
+    body = [[label, one.metric.text(level), *map(_entry, some)] for label, level, some in one.lines]
+    return Printed(["capture", one.reference, *one.rows], body)
 
 
 def _entry(gain: Gain | None) -> Entry | str:

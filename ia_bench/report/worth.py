@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby, product
+from operator import itemgetter
 
 import numpy as np
 from scipy.stats import t as student
 
 from ia_bench.report.collect import Record, Runs
 from ia_bench.report.seconds import WORTH_METRICS
-from ia_bench.report.statistics import CONFIDENCE, Paired, ScoresByCell, better, half_width, holm, is_small, means, side_by_side
+from ia_bench.report.statistics import CONFIDENCE, Judged, Paired, ScoresByCell, better, half_width, judged, means, side_by_side
 from ia_bench.report.table import BOUNDS, carried_text, p_text, signs_text
 from ia_bench.runs.table import Row, Table, capture_of, crossed_name
 from ia_bench.scores.metrics import METRIC_OF, METRICS, Metric
@@ -58,18 +59,14 @@ def interval(drawn: np.ndarray) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Gain:
+class Gain(Judged):
     """A row against the reference row, under one capture and in one metric; positive is better in every metric."""
 
     row: str  # the row, without its capture
     reference: str  # the row that it is compared with, without its capture
     capture: str  # the label of how the scenes were photographed
-    metric: Metric  # in which it is compared
-    pairs: Paired  # its differences to the reference, turned so that more is better, by scene and seed
     beside: float  # mean of the reference over the same scenes and seeds
     level: float  # mean of the reference over all scenes and seeds that it was run with under this capture; the same for every row
-    complete: bool  # whether they share runs in every scene of the reference
-    survives: bool = False  # whether it is decided among all gains in this metric
 
     @cached_property
     def mean(self) -> float:
@@ -80,11 +77,6 @@ class Gain:
     def bootstrap(self) -> tuple[float, float] | None:
         """The interval by the bootstrap over scenes and seeds; None for a single scene."""
         return interval(replicates(self.pairs.seeds)) if len(self.pairs.pairs) > 1 else None
-
-    @property
-    def p_value(self) -> float | None:
-        """None also where a scene is missing: what a row gains that failed elsewhere decides nothing."""
-        return self.pairs.p_value if self.complete else None
 
     @property
     def detectable(self) -> float | None:
@@ -102,11 +94,6 @@ class Gain:
     def outcome(self) -> str:
         """What is decided among all gains in this metric, in a word."""
         return "undecided" if not self.survives else "gains" if self.mean > 0 else "costs"
-
-    @property
-    def alone(self) -> bool:
-        """Whether it would be decided only if it stood alone."""
-        return is_small(self.p_value) and not self.survives
 
     @property
     def text(self) -> str:
@@ -168,14 +155,13 @@ def gains(runs: Runs, table: Table) -> list[Gain]:
         (scores, levels), reference = tables[metric], crossed_name(table.reference, label)
         pairs, level = better(scores, crossed_name(row.name, label), reference, metric), levels.get(reference)
         if pairs.pairs and level is not None:
-            beside = [np.mean([scores[reference][scene, seed] for seed in seeds]) for scene, seeds in pairs.pairs.items()]
-            complete = pairs.pairs.keys() >= {scene for scene, _ in scores[reference]}
-            found.append(Gain(row.name, table.reference, label, metric, pairs, float(np.mean(beside)), level.mean, complete))
-    for metric in METRICS:
-        places = [place for place, gain in enumerate(found) if gain.metric == metric]
-        for place, survives in zip(places, holm([found[place].p_value for place in places]), strict=True):
-            found[place] = replace(found[place], survives=survives)
-    return found
+            theirs = scores[reference]
+            beside = Paired.of({(scene, seed): theirs[scene, seed] for scene, seeds in pairs.pairs.items() for seed in seeds})
+            complete = pairs.pairs.keys() >= {scene for scene, _ in theirs}
+            mean = float(beside.scenes.mean())
+            found.append(Gain(metric, pairs, complete, row.name, table.reference, label, mean, level.mean))
+    families = {metric: iter(judged([gain for gain in found if gain.metric == metric])) for metric in METRICS}
+    return [next(families[gain.metric]) for gain in found]
 
 
 def maps(found: Sequence[Gain]) -> list[Map]:
@@ -233,8 +219,7 @@ def worth(runs: Runs, table: Table) -> list[Record]:
 def _together(scores: ScoresByCell, rows: Sequence[str]) -> list[np.ndarray]:
     """One array (seeds, rows) for every scene, of the seeds that all rows have."""
     cells = [cell for cell in scores.get(rows[0], {}) if all(cell in scores.get(row, {}) for row in rows)]
-    scenes = groupby(cells, key=lambda cell: cell[0])
-    return [np.array([[scores[row][cell] for row in rows] for cell in some]) for _, some in scenes]
+    return [np.array([[scores[row][cell] for row in rows] for cell in some]) for _, some in groupby(cells, key=itemgetter(0))]
 
 
 def _needed(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:

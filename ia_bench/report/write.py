@@ -20,13 +20,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError, listed
+from ia_bench.report import statistics
 from ia_bench.report import table as tables
 from ia_bench.report.blocks import PSNRS
 from ia_bench.report.collect import KEPT, CellKey, Record, collect, reasons_text
 from ia_bench.report.curves import draw_pareto, draw_scene, save
 from ia_bench.report.findings import MEAN, Findings, analyse
 from ia_bench.report.seconds import points, seconds_records
-from ia_bench.report.statistics import HOW_DECIDED, HOW_JUDGED, INTERVALS, Paired, tally
+from ia_bench.report.statistics import Paired
 from ia_bench.report.table import Entry, Printed, carried_text
 from ia_bench.runs.table import Table
 from ia_bench.scores.metrics import MEASURED, METRICS
@@ -65,10 +66,7 @@ class Report:
 
 
 def write_report(
-    folders: Iterable[Path] | Mapping[Path, CellKey | None],
-    out: Path,
-    table: Table | None = None,
-    published: Iterable[Record] = (),
+    folders: Iterable[Path] | Mapping[Path, CellKey | None], out: Path, table: Table | None = None, published: Iterable[Record] = ()
 ) -> Report:
     """Write the report of run folders into ``out``.
 
@@ -97,10 +95,10 @@ def write_report(
     if unknown := [row for row in findings.table.curve if row not in known]:
         raise InputError(f"curve: expected some of the rows {listed(findings.rows)}, found {unknown[0]}")
     ours = begins_with(out / "report.md", TITLE)
-    pictures = _draw(findings, out / "curves")
+    pictures = _draw(findings, out)
     if ours:
-        former = [*(out / name for name in SECONDS_FILES), *(out / "curves").glob("*.png"), *(out / "curves").glob("*.svg")]
-        remove_all_but(pictures, former)
+        curves = [path for path in (out / "curves").glob("*") if path.suffix in (".png", ".svg")]
+        remove_all_but(pictures, [*(out / name for name in SECONDS_FILES), *curves])
     differences = (
         ({"row": row, "reference": findings.reference, "metric": metric.key}, values[metric.key])
         for row, values in findings.differences.items()
@@ -111,32 +109,26 @@ def write_report(
         ({"better": one.better, "worse": one.worse, "metric": one.metric.key, "outcome": one.outcome}, one.pairs)
         for one in findings.verdicts
     )
-    how_decided = HOW_DECIDED.format(family="all metrics of a table")
-    words: dict[str, object] = {"intervals": INTERVALS, "how_judged": HOW_JUDGED, "how_decided": how_decided, "tally": tally}
     records = {"table.csv": _summaries(findings), "differences.csv": _paired(differences), "claims.csv": _paired(claimed)}
-    records |= {"seconds.csv": seconds_records(findings.runs, findings.timing)} if findings.timing else {}
+    records |= {"seconds.csv": seconds_records(findings.timing)} if findings.timing else {}
     shown = [path.relative_to(out).as_posix() for path in pictures if path.suffix == ".png" and path.stem != PARETO]
     groups = [(name, len(list(metrics))) for name, metrics in groupby(METRICS, key=lambda metric: metric.group)]
     texts = {
-        "report.md": _filled("report.md", findings, pictures=shown, pareto=any(path.stem == PARETO for path in pictures), **words),
-        "table.tex": _filled("table.tex", findings, groups=groups, metrics=METRICS, columns=1 + len(METRICS), **words),
+        "report.md": filled("report.md", findings, pictures=shown, pareto=any(path.stem == PARETO for path in pictures)),
+        "table.tex": filled("table.tex", findings, groups=groups, metrics=METRICS, columns=1 + len(METRICS)),
         "runs.csv": _runs_text(findings),
         **{name: csv_text({"protocol": findings.protocol, **one} for one in lines) for name, lines in records.items()},
     }
-    return Report((*(write_text(out / name, text) for name, text in texts.items()), *pictures), findings)
+    return Report((*(write_whole(out / name, text) for name, text in texts.items()), *pictures), findings)
 
 
-def _draw(findings: Findings, folder: Path) -> list[Path]:
+def _draw(findings: Findings, out: Path) -> list[Path]:
     pictures = []
     for scene in findings.scenes:
         if (figure := draw_scene(findings.runs, scene, findings.rows)) is not None:
-            folder.mkdir(parents=True, exist_ok=True)
-            pictures += save(figure, folder / re.sub(r"[^\w.-]", "_", scene))
-    front = None if findings.timing is None else draw_pareto(points(findings.runs, findings.timing))
-    if front is not None:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        pictures += save(front, folder.parent / PARETO)
-    return pictures
+            pictures += save(figure, out / "curves" / re.sub(r"[^\w.-]", "_", scene))
+    front = None if findings.timing is None else draw_pareto(points(findings.timing))
+    return pictures if front is None else [*pictures, *save(front, out / PARETO)]
 
 
 def _runs_text(findings: Findings) -> str:
@@ -214,14 +206,15 @@ def tex(cell: Entry | str) -> str:
     return (rf"\textbf{{{text}}}" if cell.best else text) + notes
 
 
-def _filled(template: str, findings: Findings, **more: object) -> str:
+def filled(template: str, findings: Findings, **more: object) -> str:
     """A template, filled; it is not HTML: names are escaped by the filters ``markdown`` and ``tex``."""
     options: dict[str, Any] = {f"{name}_string": mark for name, mark in MARKS.items()}
     options |= dict.fromkeys(("trim_blocks", "lstrip_blocks", "keep_trailing_newline"), True)
     environment = Environment(undefined=StrictUndefined, loader=PackageLoader("ia_bench.report"), autoescape=False, **options)
     environment.filters.update(markdown=_markdown, pipe=pipe_table, tex=tex)
     results = partial(tables.results_table, notes=findings.footnotes)
-    return environment.get_template(f"{template}.j2").render(findings=findings, table=tables, results=results, **more)
+    words = {"findings": findings, "table": tables, "statistics": statistics, "results": results}
+    return environment.get_template(f"{template}.j2").render(**words, **more)
 
 
 def csv_text(records: Iterable[Mapping[str, Any]]) -> str:
@@ -236,11 +229,11 @@ def csv_text(records: Iterable[Mapping[str, Any]]) -> str:
 # ---- files ------------------------------------------------------------------------------------------------------------
 
 
-def write_text(path: Path, text: str) -> Path:
+def write_whole(path: Path, content: str | bytes) -> Path:
     """Write a file at once or not at all, and return its path; its folder is made."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as unfinished:
-        unfinished.write_text(text, encoding="utf-8")
+        unfinished.write_bytes(content.encode() if isinstance(content, str) else content)
     return path
 
 

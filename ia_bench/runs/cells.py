@@ -11,7 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
@@ -27,12 +27,12 @@ from ia_bench.common.ranges import Name
 from ia_bench.common.registry import BrokenPlugin
 from ia_bench.common.settings import parsed_file
 from ia_bench.runs.composition import compose, written
-from ia_bench.runs.config import RunConfig, SceneConfig, slug
+from ia_bench.runs.config import RunConfig, SceneConfig, cell_name
 from ia_bench.runs.folder import find_run_folders, held_since, recorded_at
 from ia_bench.runs.identity import hash_of, identity
 from ia_bench.runs.launchers import Local
 from ia_bench.runs.record import METRICS_FILE, RunRecord
-from ia_bench.runs.table import Row, SceneEntry, Table, load_table, some_rows, title_of
+from ia_bench.runs.table import Row, SceneEntry, Table, key_of, load_table, some_rows, title_of
 
 CELLS = "cells.json"
 RUNNING, WAITING, FAILED, FINISHED = "running", "waiting", "failed", "finished"
@@ -66,39 +66,40 @@ class TableRequest:
         if self.rows is not None:
             table = some_rows(table, self.rows)
         for row in table.crossed_rows:
-            own = [text.partition("=")[0].lstrip("+~") for text in row.overrides]
-            if both := [text for text in self.overrides if text.partition("=")[0].lstrip("+~") in own]:
+            own = {key_of(text) for text in row.overrides}
+            if both := [text for text in self.overrides if key_of(text) in own]:
                 raise InputError(f"{both[0]}: expected a setting that no row has of its own, found it in row '{row.name}'")
         return table
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One run of the table: what it computes, the command line that does, and where its results go."""
+class ListedCell:
+    """One run of the table: its labels, the hash of its identity, its folder, and the file with what it says."""
 
-    row: Row
-    config: RunConfig
-    content: dict[str, Any]
-
-    @property
-    def config_hash(self) -> str:
-        """Identity of the run."""
-        return hash_of(self.content)
-
-    @property
-    def folder(self) -> Path:
-        """The run's folder."""
-        assert self.config.out is not None
-        return Path(self.config.out)
+    row: Name
+    scene: Name
+    seed: int
+    config_hash: str
+    folder: Path
+    log: Path
 
     @property
     def name(self) -> str:
         """How messages call this cell."""
-        return f"{self.config.scene.name} / {self.row.name} / seed {self.config.seed}"
+        return f"{self.scene} / {self.row} / seed {self.seed}"
 
-    def log(self, logs: Path) -> Path:
-        """The file in the folder ``logs`` for what it says."""
-        return logs / f"{slug(self.config.scene.name)}-{self.folder.name}.log"
+    @property
+    def labels(self) -> tuple[str, str, int]:
+        """By which a report knows it."""
+        return self.row, self.scene, self.seed
+
+
+@dataclass(frozen=True)
+class Cell(ListedCell):
+    """One that can be run: its configuration, with the command line that makes it, and its identity."""
+
+    config: RunConfig
+    content: dict[str, Any]
 
 
 def make_cells(
@@ -139,10 +140,12 @@ def make_cells(
             for seed, (scene, any_seed) in product(seeds, zip(scenes, composed(row), strict=True)):
                 config = replace(any_seed, seed=seed)  # on which nothing else of it depends
                 content = identity(config)
-                name = f"{slug(row.name)}-seed{seed}-{hash_of(content)[:8]}"
-                folder = str(results / "runs" / slug(config.scene.name) / name)
+                key = hash_of(content)
+                name = cell_name(config.scene.name, row.name, seed, key)
+                folder, log = results / "runs" / name, results / "logs" / f"{name.replace('/', '-')}.log"
                 command = (*overrides_of(row, scene, seed), f"out={written(folder)}")
-                cells.append(Cell(row, replace(config, out=folder, command=command), content))
+                config = replace(config, out=str(folder), command=command)
+                cells.append(Cell(row.name, config.scene.name, seed, key, folder, log, config, content))
         except BrokenPlugin as error:
             if broken is None:
                 raise
@@ -153,59 +156,53 @@ def make_cells(
 
 
 @dataclass(frozen=True)
-class Planned:
-    """One cell: its labels, the hash of its configuration, its run folder, and the file with what it says."""
-
-    row: Name
-    scene: Name
-    seed: int
-    config_hash: str
-    folder: Path
-    log: Path
-
-
-@dataclass(frozen=True)
 class CellList:
     """The cells of a table in their order, how many run at a time (None: as many as fit), and when it was started last."""
 
     table: str
     jobs: int | None
-    cells: tuple[Planned, ...]
+    cells: tuple[ListedCell, ...]
     started: float = 0.0
 
 
 def write_cells(results: Path, table: str, jobs: int | None, cells: Sequence[Cell]) -> None:
     """Write down the cells of a table that is about to run in the folder ``results``."""
-    listed = []
-    for cell in cells:
-        labels = {"row": cell.row.name, "scene": cell.config.scene.name, "seed": cell.config.seed, "config_hash": cell.config_hash}
-        places = {"folder": cell.folder, "log": cell.log(results / "logs")}
-        listed.append({**labels, **{name: place.relative_to(results).as_posix() for name, place in places.items()}})
+    listed = [{part.name: getattr(cell, part.name) for part in fields(ListedCell)} for cell in cells]
+    content = {"table": table, "jobs": jobs, "cells": listed}
+    text = json.dumps(content, indent=1, default=lambda path: path.relative_to(results).as_posix())
     results.mkdir(parents=True, exist_ok=True)
     with whole_file(results / CELLS) as partial:
-        partial.write_text(json.dumps({"table": table, "jobs": jobs, "cells": listed}, indent=1), encoding="utf-8")
+        partial.write_text(text, encoding="utf-8")
 
 
-def read_cells(results: Path) -> CellList | None:
-    """What :func:`write_cells` wrote into ``results``; None where it did not. Raises InputError for anything else there."""
+def read_cells(results: Path) -> CellList:
+    """What :func:`write_cells` wrote into ``results``. Raises InputError where it did not, and for anything else there."""
     path = results / CELLS
     if not path.exists():
-        return None
+        raise InputError(f"{results}: expected the results of a table, which has a {CELLS}, found none")
     found = parsed_file(CellList, path, read_json(path), "expected the cells of a table: ")
     cells = tuple(replace(cell, folder=results / cell.folder, log=results / cell.log) for cell in found.cells)
     return replace(found, cells=cells, started=path.stat().st_mtime)
 
 
-def folders_with_cells(roots: Sequence[Path], note: Callable[[str], object]) -> dict[Path, tuple[str, str, int] | None]:
-    """Every run folder below ``roots`` -> its row, scene and seed by the table that made it; None where no table lists any.
+def folders_with_cells(paths: Sequence[Path], note: Callable[[str], object]) -> dict[Path, tuple[str, str, int] | None]:
+    """Every run folder below ``paths`` -> its row, scene and seed by the table that made it; None where no table lists any.
 
     Where a folder holds the cells of a table, its other runs are left out, and ``note`` is told how many: they are of rows, scenes,
-    seeds or settings that were asked for before. A cell without a record has no label: it has not ended.
+    seeds or settings that were asked for before. A cell without a record has no label: it has not ended. Of a file beside folders,
+    which a shell's ``*`` has named, ``note`` is told alone.
+
+    Raises InputError for a path where nothing is, and for files without any folder.
     """
+    roots = [path for path in paths if path.is_dir()]
+    files = [path for path in paths if path.is_file()] if roots else []
+    if wrong := [str(path) for path in paths if path not in (*roots, *files)]:
+        raise InputError(f"{', '.join(wrong)}: expected a folder with runs, found none")
+    for path in files:
+        note(f"{path}: passed over, since it is a file and no folder with runs")
     found: dict[Path, tuple[str, str, int] | None] = dict.fromkeys(find_run_folders(*roots))
     for results in sorted({path.parent for root in roots for path in root.rglob(CELLS)}):
-        plan = read_cells(results)
-        cells = {cell.folder: (cell.row, cell.scene, cell.seed) for cell in plan.cells} if plan is not None else {}
+        cells = {cell.folder: cell.labels for cell in read_cells(results).cells}
         others = [found.pop(folder) for folder in list(found) if folder.is_relative_to(results) and folder not in cells]
         if others:
             many = f"{len(others)} {'run is' if len(others) == 1 else 'runs are'}"
@@ -229,7 +226,7 @@ class CellStatus:
         written: When its record was written, in ns; 0 without one.
     """
 
-    cell: Planned
+    cell: ListedCell
     state: str
     seconds: float | None = None
     says: str = ""
@@ -257,7 +254,7 @@ class Overview:
         if not finished:
             return None
 
-        def expected(cell: Planned) -> float:
+        def expected(cell: ListedCell) -> float:
             alike = [one for one in finished if one.cell.row == cell.row] or finished
             return fmean(one.seconds for one in alike if one.seconds is not None)
 
@@ -269,12 +266,10 @@ class Overview:
 def look(results: Path) -> Overview:
     """Where the cells of a table stand. Raises InputError for a folder that no table was run in."""
     plan = read_cells(results)
-    if plan is None:
-        raise InputError(f"{results}: expected the results of a table, which has a {CELLS}, found none")
     return Overview(plan, tuple(_stands(cell, plan.started) for cell in plan.cells))
 
 
-def _stands(cell: Planned, started: float) -> CellStatus:
+def _stands(cell: ListedCell, started: float) -> CellStatus:
     written, began = recorded_at(cell.folder), held_since(cell.folder)
     if began is not None:
         said = ""

@@ -33,10 +33,10 @@ PLAIN = re.compile(r"(?!(?i:null|true|false|nan|inf)$)[./]*[A-Za-z_][A-Za-z0-9_.
 _stored: dict[tuple[str | None, str], dict[str, Any]] = {}
 
 
-def register(overrides: Sequence[str]) -> None:
+def register(chosen: Mapping[str, str]) -> None:
     """Tell Hydra the settings of a run, with their defaults, and every plugin that has no YAML file of its own.
 
-    Plugins are the installed ones and those that ``overrides`` spell out (``prior=module:Class``). Types and ranges are checked
+    Plugins are the installed ones and those that are ``chosen`` as ``module:Class``, by kind. Types and ranges are checked
     once all is composed (:func:`ia_bench.runs.config.resolved`).
     """
     defaults: dict[str, Any] = {f.name: f.default for f in fields(RunConfig) if f.default is not MISSING and f.name != "command"}
@@ -47,16 +47,15 @@ def register(overrides: Sequence[str]) -> None:
     for kind in registry.KINDS:
         if kind == "regulariser":
             continue  # no group: fit.regularise has a list of their names
-        named = [text.partition("=")[2].strip("'\" ") for text in overrides if text.partition("=")[0] == kind]
-        for value in named:
-            module, _, attribute = value.partition(":")
-            if os.sep in module or module.endswith(".py"):
-                path = Path(module)
-                raise InputError(
-                    f"{kind}={value}: expected a name or module:Class, found a path: PYTHONPATH={path.parent} makes it "
-                    f"{kind}={path.stem}:{attribute or 'Class'}"
-                )
-        for plugin in [*registry.installed(kind).values(), *(registry.find(kind, value) for value in named if ":" in value)]:
+        value = chosen.get(kind, "")
+        module, separator, attribute = value.partition(":")
+        if os.sep in module or module.endswith(".py"):
+            path = Path(module)
+            raise InputError(
+                f"{kind}={value}: expected a name or module:Class, found a path: PYTHONPATH={path.parent} makes it "
+                f"{kind}={path.stem}:{attribute or 'Class'}"
+            )
+        for plugin in [*registry.installed(kind).values(), *([registry.find(kind, value)] if separator else [])]:
             _store(kind, plugin.name, {"name": plugin.name, "target": plugin.target})
 
 
@@ -91,13 +90,13 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
 
     ``here``: see :func:`ia_bench.runs.config.resolved`.
     """
-    given, keys = tuple(overrides), {text.partition("=")[0] for text in overrides}
+    given, parts = tuple(overrides), [text.partition("=") for text in overrides]
+    chosen = {key: value.strip("'\" ") for key, _, value in parts}
     overrides = [f"++{text}" if text.startswith(OPTIONS) else text for text in overrides]  # keys that no file needs to have
     overrides = [re.sub(r"^(\+?\w+)=(\w+)$", _group_by_name, text) for text in overrides]
-    foreign = any(text.startswith("reader=") and text.partition("=")[2].strip("'\"") != "native" for text in given)
-    if ("scene.path" in keys or foreign) and "scene.name" not in keys:
+    if ("scene.path" in chosen or chosen.get("reader", "native") != "native") and "scene.name" not in chosen:
         overrides.append("scene.name=''")  # which is then what its reader calls it, and no shipped scene
-    register(overrides)
+    register(chosen)
     try:
         with initialize_config_dir(str(conf_folder()), version_base="1.3"):
             content = OmegaConf.to_container(hydra_compose("config", list(overrides)), resolve=True)
@@ -105,7 +104,7 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
         config = replace(resolved({str(key): value for key, value in content.items()}, here), command=given)
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(explain(error)) from error
-    asked = next((text.partition("=")[2].strip("'\" ") for text in given if text.startswith("coupling=")), config.coupling.name)
+    asked = chosen.get("coupling", config.coupling.name)
     if asked != config.coupling.name:  # a prior's file that sets a coupling comes after it
         prior, brought = config.prior, config.coupling.name
         plain = next((name for name, plugin in registry.built_in("prior").items() if plugin.target == prior.target), prior.name)

@@ -18,9 +18,10 @@ from ia_bench.common.files import user_path
 from ia_bench.common.machine import cores, expect_memory
 from ia_bench.common.paths import MORE_SCENES, PACKAGE, SCENES_VARIABLE, conf_folder, scenes_folders
 from ia_bench.common.ranges import NO_NUMBER, Name, NameIfAny, NumberOrAuto
-from ia_bench.common.settings import check_arguments, defaults_of, merged, parsed
+from ia_bench.common.settings import check_arguments, defaults_of, merged, parsed, parsed_file
 from ia_bench.methods.info import AUTO, check_declarations
 from ia_bench.render.settings import RenderSettings
+from ia_bench.runs.record import CONFIG, RunSetup
 from ia_bench.scores.protocol import Protocol
 
 NATIVE_READER = "ia_bench.readers.native:NativeReader"
@@ -225,6 +226,16 @@ def expect_outside(key: str, place: Path, scene: SceneConfig, reader: ReaderConf
 def slug(text: str) -> str:
     """A label as a folder name: ``oracle w/o guided`` becomes ``oracle-w-o-guided``."""
     return "-".join("".join(c if c.isalnum() or c in "_." else " " for c in text).split())
+
+
+def cell_name(scene: str, row: str, seed: int, key: str) -> str:
+    """The folder of one of many runs, ``hat/oracle-w-o-guided-seed0-0123abcd``; ``key``: the hash of its identity."""
+    return f"{slug(scene)}/{slug(row)}-seed{seed}-{key[:8]}"
+
+
+def config_of(folder: Path) -> RunConfig:
+    """The configuration of the run in a folder. Raises InputError where there is none, or something else."""
+    return parsed_file(RunConfig, folder / CONFIG, RunSetup.read(folder).config, "config: ")
 
 
 def _prior(prior: PriorConfig, device: str) -> PriorConfig:

@@ -15,11 +15,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from PIL import Image
 
+from ia_bench.common import registry
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, unseen
+from ia_bench.common.seeds import derive_seed
+from ia_bench.priors.contract import Observations, Prior
+from ia_bench.priors.validation import ask, check_prior_info
 from ia_bench.runs.composition import compose
 from ia_bench.runs.pictures.preview import labelled
 from ia_bench.scenes.exr import write_exr
@@ -93,14 +98,11 @@ def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[P
     return [*written, _save(sheet, folder / f"{name}_sheet.png")]
 
 
-def make_prior(name: str, options: Mapping[str, Any], overrides: Sequence[str] = ()) -> Any:  # noqa: ANN401 (any prior)
+def make_prior(name: str, options: Mapping[str, Any], overrides: Sequence[str] = ()) -> Prior:
     """The prior called ``name``, with ``options`` over what ``overrides`` set. Raises InputError for one of no use here."""
-    from ia_bench.common import registry  # brings in torch
-    from ia_bench.priors.validation import check_prior_info
-
     config = compose([f"prior={name}", *overrides]).prior
     given = {key: str(value) if isinstance(value, Path) else value for key, value in options.items()}
-    prior = registry.create("prior", config.name, config.target, {**config.options, **given})
+    prior: Prior = registry.create("prior", config.name, config.target, {**config.options, **given})
     check_prior_info(prior)
     if prior.info.sees_truth:
         raise InputError(f"prior: {name} needs ground truth, which a photograph does not have")
@@ -110,7 +112,7 @@ def make_prior(name: str, options: Mapping[str, Any], overrides: Sequence[str] =
 
 
 def decompose_with(
-    prior: Any,  # noqa: ANN401 (of any kind)
+    prior: Prior,
     image: np.ndarray,
     mask: np.ndarray,
     *,
@@ -122,12 +124,6 @@ def decompose_with(
 
     ``begin`` shows how many samples are drawn.
     """
-    import torch
-
-    from ia_bench.common.seeds import derive_seed
-    from ia_bench.priors.contract import Observations
-    from ia_bench.priors.validation import ask
-
     shown = Observations(torch.from_numpy(image)[None], torch.from_numpy(mask)[None])
     count = samples if prior.info.stochastic else 1
     task, drawn = begin("samples", count), []

@@ -29,7 +29,7 @@ from ia_bench.common.errors import Fault, InputError, first_line
 from ia_bench.common.paths import PACKAGE
 from ia_bench.common.settings import parsed
 from ia_bench.runs.interruption import end_if_asked
-from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup, damaged_file, digest_of, finished_record, json_bytes
+from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup, digest_of, finished_record, json_bytes
 
 CHECKPOINT = "checkpoint.pt"
 CURVE = "curve.csv"
@@ -77,12 +77,7 @@ class RunFolder:
 
     def finished(self) -> RunRecord | None:
         """The record of this run if it has already finished and all its files are there, else None (also after a failure)."""
-        record = finished_record(self.path, self.config_hash)
-        damaged = None if record is None else damaged_file(self.path, record)
-        if damaged is None:
-            return record
-        self._note(f"{self.path / damaged}: not what the run wrote there, or gone; running again")
-        return None
+        return finished_record(self.path, self.config_hash, self._note)
 
     def save_checkpoint(self, state: dict[str, Any]) -> None:
         """Write a checkpoint of tensors, numbers, texts, lists and dicts, durable once this returns.
@@ -240,20 +235,6 @@ def recorded_at(path: Path) -> int:
         return (path / METRICS_FILE).stat().st_mtime_ns
     except OSError:
         return 0
-
-
-def folders_among(paths: Sequence[Path], note: Callable[[str], object]) -> list[Path]:
-    """Those of the ``paths`` that are folders. A file beside folders, which a shell's ``*`` has named, is told to ``note`` alone.
-
-    Raises InputError for a path where nothing is, and for files without any folder.
-    """
-    folders = [path for path in paths if path.is_dir()]
-    files = [path for path in paths if path.is_file()] if folders else []
-    if wrong := [str(path) for path in paths if path not in (*folders, *files)]:
-        raise InputError(f"{', '.join(wrong)}: expected a folder with runs, found none")
-    for path in files:
-        note(f"{path}: passed over, since it is a file and no folder with runs")
-    return folders
 
 
 def find_run_folders(*roots: Path) -> list[Path]:

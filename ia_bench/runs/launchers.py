@@ -13,8 +13,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -56,7 +56,7 @@ class Job:
     cancel: Callable[[], object]
 
 
-Start = Callable[[Sequence[Work]], Sequence[Job]]
+Start = Callable[[Sequence[Work]], Iterable[Job]]
 
 
 @dataclass(frozen=True)
@@ -91,43 +91,48 @@ class Local:
     def opened(self, folder: Path) -> Iterator[Start]:
         """A context that gives a function to start runs with; ``folder`` is for what the launcher has to write."""
 
-        def start(works: Sequence[Work]) -> list[Job]:
-            with ExitStack() as undone:  # where one of several cannot be started, those before it are ended
-                jobs = []
-                for config, path in works:
-                    with path.open("ab") as log:
-                        command = [sys.executable, "-m", "ia_bench", *config.command]
-                        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
-                    jobs.append(Job(lambda process=process: process.poll() is not None, process.wait, process.terminate))  # type: ignore[misc]
-                    undone.callback(process.terminate)
-                undone.pop_all()
-            return jobs
+        def start(work: Work) -> Job:
+            config, path = work
+            with path.open("ab") as log:
+                command = [sys.executable, "-m", "ia_bench", *config.command]
+                process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
+            return Job(lambda: process.poll() is not None, process.wait, process.terminate)
 
-        yield start
+        yield lambda works: map(start, works)
 
 
 @dataclass(frozen=True)
-class Ray(Local):
-    """Tasks of Ray, each in a worker process of its own.
+class Cluster(Local):
+    """Workers that may be on other machines.
 
     Attributes:
         cpus: CPUs of a cell, which computes on as many threads.
         gpus: GPUs of a cell; with one, cells run with device=cuda unless told otherwise.
         memory_gb: Memory of a cell in GB.
-        address: A running Ray (``auto``: the one on this machine); null starts one here for as long as the table runs.
     """
 
-    extra: ClassVar[str | None] = "ray"
     here: ClassVar[bool] = False
 
     cpus: AtLeastOne = 1
     gpus: Annotated[int, Field(ge=0)] = 0
     memory_gb: Annotated[float, Field(gt=0)] = 4.0
-    address: str | None = None
 
     def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
         """As many at a time as the cluster has room for, unless fewer are wanted."""
         return jobs or AS_MANY_AS_FIT, self.cpus
+
+
+@dataclass(frozen=True)
+class Ray(Cluster):
+    """Tasks of Ray, each in a worker process of its own.
+
+    Attributes:
+        address: A running Ray (``auto``: the one on this machine); null starts one here for as long as the table runs.
+    """
+
+    extra: ClassVar[str | None] = "ray"
+
+    address: str | None = None
 
     @contextmanager
     def opened(self, folder: Path) -> Iterator[Start]:
@@ -163,17 +168,16 @@ class Ray(Local):
 
         with (folder / "ray.log").open("w", buffering=1) as said, redirect_stdout(said):  # where Ray prints why workers end
             try:
-                yield lambda works: [start(work) for work in works]
+                yield lambda works: map(start, works)
             finally:
                 ray.shutdown()
 
 
 @dataclass(frozen=True)
-class SubmititSlurm(Local):
+class SubmititSlurm(Cluster):
     """Jobs that submitit hands to Slurm, all that are to be started as one array.
 
     Attributes:
-        cpus: CPUs of a job, which computes on as many threads; ``gpus`` and ``memory_gb`` as in :class:`Ray`.
         minutes: A job's time. One that needs longer is ended with its state saved, which costs its cell an attempt.
         partition: Slurm's partition; null takes the cluster's default.
         account: Who pays; null takes the user's default.
@@ -181,22 +185,14 @@ class SubmititSlurm(Local):
     """
 
     extra: ClassVar[str | None] = "submitit"
-    here: ClassVar[bool] = False
     poll_seconds: ClassVar[float] = 5.0
     cluster: ClassVar[str] = "slurm"
     delay_seconds: ClassVar[float] = 15.0  # that a file of another machine may take to be seen here
 
-    cpus: AtLeastOne = 1
-    gpus: Annotated[int, Field(ge=0)] = 0
-    memory_gb: Annotated[float, Field(gt=0)] = 4.0
     minutes: AtLeastOne = 240
     partition: str | None = None
     account: str | None = None
     options: dict[str, Any] = field(default_factory=dict)
-
-    def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
-        """As many at a time as there is room for on the cluster, unless fewer are wanted."""
-        return jobs or AS_MANY_AS_FIT, self.cpus
 
     @contextmanager
     def opened(self, folder: Path) -> Iterator[Start]:

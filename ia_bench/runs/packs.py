@@ -25,7 +25,7 @@ from ia_bench.common.ranges import Name
 from ia_bench.common.registry import THE_COMMAND_LINE, named
 from ia_bench.common.settings import parsed, parsed_file
 from ia_bench.methods.images import ORDERS, SUFFIXES
-from ia_bench.runs.config import RunConfig, slug
+from ia_bench.runs.config import cell_name, config_of
 from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup, damaged_file, digest_of, json_bytes
 
 MANIFEST = "manifest.json"
@@ -81,36 +81,34 @@ def write_pack(folders: Sequence[Path], out: Path, *, authors: str, url: str = "
     Raises InputError for a run that lacks a file or whose file was changed, and for two runs of one row, scene and seed.
     """
     runs: list[PackedRun] = []
-    content: dict[str, bytes | Path] = {}
-    known: set[tuple[str, str, int]] = set()
-    for folder in folders:
-        record = RunRecord.read(folder)
-        damaged = damaged_file(folder, record)
-        if damaged is not None:
-            found = "another one" if (folder / damaged).is_file() else "none"
-            raise InputError(f"{folder / damaged}: expected the file that the run wrote, found {found}")
-        if (label := (record.row, record.scene, record.seed)) in known:
-            raise InputError(f"{folder}: expected one run of {record.name}, found a second one")
-        known.add(label)
-        name = f"runs/{slug(record.scene)}/{slug(record.row)}-seed{record.seed}-{record.config_hash[:8]}"
-        parts: dict[str, bytes | Path] = {**{file: folder / file for file in record.files}, **_brought(folder)}
-        homes = sorted({str(Path.home()), str(Path.home().resolve())} - {"/"}, key=len, reverse=True)
-        for file in (METRICS_FILE, CONFIG):
-            text = (folder / file).read_bytes()
-            for home in homes:  # it names the user; ~ is found again on the same machine
-                text = re.sub(rb"(?<![\w.~/-])" + re.escape(f"{home}/".encode()), b"~/", text)
-            parts[file] = text
-        content |= {f"{name}/{file}": part for file, part in parts.items()}
-        digests = {
-            file: (digest_of(part) or "") if isinstance(part, Path) else hashlib.sha256(part).hexdigest()
-            for file, part in parts.items()
-        }
-        runs.append(PackedRun(folder=name, files=digests))
-    manifest = parsed(Manifest, asdict(Manifest(authors=authors, url=url, note=note, runs=runs)))
+    known: set[str] = set()
+    homes = sorted({str(Path.home()), str(Path.home().resolve())} - {"/"}, key=len, reverse=True)
     with whole_file(out) as partial, zipfile.ZipFile(partial, "w") as archive:
-        for name, part in {MANIFEST: json_bytes(MANIFEST, asdict(manifest)), **content}.items():
-            data = part if isinstance(part, bytes) else part.read_bytes()
+
+        def add(name: str, data: bytes) -> str:
             archive.writestr(zipfile.ZipInfo(name, EPOCH), data, zipfile.ZIP_DEFLATED)
+            return hashlib.sha256(data).hexdigest()
+
+        for folder in folders:
+            record = RunRecord.read(folder)
+            damaged = damaged_file(folder, record)
+            if damaged is not None:
+                found = "another one" if (folder / damaged).is_file() else "none"
+                raise InputError(f"{folder / damaged}: expected the file that the run wrote, found {found}")
+            if record.name in known:
+                raise InputError(f"{folder}: expected one run of {record.name}, found a second one")
+            known.add(record.name)
+            name = f"runs/{cell_name(record.scene, record.row, record.seed, record.config_hash)}"
+            parts = {file: folder / file for file in record.files} | _brought(folder)
+            digests = {file: add(f"{name}/{file}", part.read_bytes()) for file, part in parts.items()}
+            for file in (METRICS_FILE, CONFIG):
+                text = (folder / file).read_bytes()
+                for home in homes:  # it names the user; ~ is found again on the same machine
+                    text = re.sub(rb"(?<![\w.~/-])" + re.escape(f"{home}/".encode()), b"~/", text)
+                digests[file] = add(f"{name}/{file}", text)
+            runs.append(PackedRun(folder=name, files=digests))
+        manifest = parsed(Manifest, asdict(Manifest(authors=authors, url=url, note=note, runs=runs)))
+        add(MANIFEST, json_bytes(MANIFEST, asdict(manifest)))
     return manifest
 
 
@@ -166,7 +164,7 @@ def problems(run: PackedRun, out: Path) -> list[str]:
 
 def check_reader(folder: Path) -> None:
     """Raise InputError for a run whose scene is read by code that is not installed here: a pack is to start none."""
-    reader = _config(folder).reader
+    reader = config_of(folder).reader
     if named("reader", reader.name, reader.target).distribution == THE_COMMAND_LINE:
         raise InputError(f"{folder / CONFIG}: reader: expected one that is installed here, found {shown(reader.target)}")
 
@@ -183,13 +181,9 @@ def packs_among(paths: Sequence[Path]) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
-def _config(folder: Path) -> RunConfig:
-    return parsed_file(RunConfig, folder / CONFIG, RunSetup.read(folder).config, "config: ")
-
-
 def _brought(folder: Path) -> dict[str, Path]:
     """The pictures that a run of method=images has scored, by their names in its folder of a pack; nothing of other methods."""
-    method = _config(folder).method
+    method = config_of(folder).method
     if method.name != "images":
         return {}
     options = method.options

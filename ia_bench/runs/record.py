@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -195,12 +195,20 @@ class RunSetup:
         return parsed_file(cls, folder / CONFIG, read_json(folder / CONFIG), "expected the configuration of a run: ")
 
 
-def finished_record(folder: Path, config_hash: str) -> RunRecord | None:
-    """The record in a run's folder if it is of this configuration and of no failure, else None. Takes no lock."""
+def finished_record(folder: Path, config_hash: str, note: Callable[[str], object] = lambda _: None) -> RunRecord | None:
+    """The record in a run's folder if it is of this configuration, of no failure, and all its files are there. Takes no lock.
+
+    None otherwise; ``note`` is told of the first file that is another one or gone.
+    """
     if not os.path.lexists(folder / METRICS_FILE):
         return None
     record = RunRecord.read(folder)
-    return record if record.status == "ok" and record.config_hash == config_hash else None
+    if record.status != "ok" or record.config_hash != config_hash:
+        return None
+    damaged = damaged_file(folder, record)
+    if damaged is not None:
+        note(f"{folder / damaged}: not what the run wrote there, or gone; running again")
+    return record if damaged is None else None
 
 
 def damaged_file(folder: Path, record: RunRecord) -> str | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import commit
 from ia_bench.common.progress import Begin, Progress, unseen
-from ia_bench.common.settings import parsed, parsed_file
+from ia_bench.common.settings import parsed
 from ia_bench.material.textures import Material
 from ia_bench.methods.images import ORDERS, BroughtPictures, ImagesOptions
 from ia_bench.methods.info import held_out
@@ -22,12 +21,12 @@ from ia_bench.render.asset_files import read_asset
 from ia_bench.render.reconstruction import ADDED, Reconstruction, TexturedReconstruction
 from ia_bench.render.settings import BROUGHT
 from ia_bench.render.stage import Stage
-from ia_bench.runs.config import RunConfig, slug
+from ia_bench.runs.config import cell_name, config_of
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import hash_of, protocol_hash, scene_content
 from ia_bench.runs.packs import BROUGHT_PICTURES, ORDER
 from ia_bench.runs.pictures.packing import write_bundle
-from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup
+from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup, finished_record
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
@@ -49,6 +48,7 @@ class Recovered:
         config: The configuration in it.
         scene_content: The hash of the files of its scene.
         scale: (3,), what aligned the albedo of its textures in its scores; ones where it cannot be aligned.
+        device: Where it was scored, the CPU where this machine has no GPU: renders differ in their last bits.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -57,7 +57,9 @@ class Recovered:
         if self.record.status != "ok":
             raise InputError(f"{folder / METRICS_FILE}: expected a finished run, found status {self.record.status!r}")
         self.folder, self.setup = folder.absolute(), RunSetup.read(folder)
-        self.config = parsed_file(RunConfig, folder / CONFIG, self.setup.config, "config: ")
+        self.config = config_of(folder)
+        on_gpu = self.config.device == "cuda" and torch.cuda.is_available()
+        self.device = torch.device("cuda" if on_gpu else "cpu")
         scene = self.setup.identity.get("scene")
         self.scene_content = scene.get("content") if isinstance(scene, dict) else None
         alignment = str(self.record.protocol_description.get("alignment"))
@@ -116,20 +118,15 @@ class Recovered:
 
 
 class Rescorer:
-    """Scores runs under one protocol, each in a new folder below ``out``. Successive runs of one scene share its G-buffers.
+    """Scores again what runs have recovered. Successive runs of one scene, under one protocol, share its G-buffers."""
 
-    Attributes:
-        protocol: What the new scores follow.
-        out: Where the new run folders are made.
-        scene: Folder of the runs' scene, None for where the runs found it.
-    """
-
-    def __init__(self, protocol: Protocol, out: Path, scene: Path | None = None) -> None:
-        self.protocol, self.out, self.scene = protocol, out, scene
+    def __init__(self) -> None:
         self._key: object = None
 
-    def rescore(self, folder: Path, progress: Progress | None = None) -> Path:
-        """Score the run in ``folder`` and return its new folder, in which it may be finished already.
+    def rescore(
+        self, folder: Path, protocol: Protocol, out: Path, scene: Path | None = None, progress: Progress | None = None
+    ) -> Path:
+        """Score the run in ``folder`` and return its new folder below ``out``, in which it may be finished already.
 
         Scores are new; all that the run took (seconds, rays, memory, machine) is what it was, and ``rescored_from`` says
         which run that is. A curve cannot be scored again, so there is none.
@@ -139,46 +136,45 @@ class Rescorer:
         """
         run = Recovered(folder)
         record = run.record
-        content = {**run.setup.identity, "protocol": self.protocol.describe(), "rescored_from": record.config_hash}
+        content = {**run.setup.identity, "protocol": protocol.describe(), "rescored_from": record.config_hash}
         key = hash_of(content)
-        place = self.out / slug(record.scene) / f"{slug(record.row)}-seed{record.seed}-{key[:8]}"
-        given = {"command": run.setup.command, "config": {**run.setup.config, "protocol": asdict(self.protocol)}}
-        if place.is_dir():  # none is made before a run has been scored, which may not be possible
-            with RunFolder(place, content, key, setup=given) as kept:
-                if kept.finished() is not None:
-                    return place
+        place = out / cell_name(record.scene, record.row, record.seed, key)
+        given = {"command": run.setup.command, "config": {**run.setup.config, "protocol": asdict(protocol)}}
         progress = progress or Progress(quiet=True)
-        scores = self.score(run, progress.task).as_dict()
-        scale = drawn_scale(scores["albedo_scales"], self.protocol.alignment)
+        if finished_record(place, key, progress.note) is not None:
+            return place
+        scores = self.score(run, protocol, scene, progress.task).as_dict()  # before a folder is made: it may not be possible
+        scale = drawn_scale(scores["albedo_scales"], protocol.alignment)
         title = f"{record.scene}, {record.row}, seed {record.seed}"
         with RunFolder(place, content, key, setup=given) as kept:
             write_bundle(kept, self._scene, self._scorer.drawn, scale, title, progress)
             for name in ASSETS:
                 if (folder / name).is_file():
-                    with kept.path_for(name) as path:
-                        shutil.copyfile(folder / name, path)
+                    kept.write_bytes(name, (folder / name).read_bytes())
             origin: dict[str, str | None] = {"config_hash": record.config_hash, "protocol": record.protocol}
             origin |= {"commit": record.environment.get("commit"), "scored_by_commit": commit()}
             kept.write_record(replace(record, **scores, protocol_hash=protocol_hash(content), rescored_from=origin))
         return place
 
-    def score(self, run: Recovered, begin: Begin = unseen) -> Scores:
-        """What the textures of a run score; ``begin`` shows how far it is.
+    def score(self, run: Recovered, protocol: Protocol, scene: Path | None = None, begin: Begin = unseen) -> Scores:
+        """What the textures of a run score under a ``protocol``; ``begin`` shows how far it is.
+
+        ``scene``: the folder of its scene, None for where the run found it.
 
         Raises InputError for a run of another scene, one that has left no textures, and one that was drawn by a renderer of its
         own, which is not stored: what the reference renderer makes of its textures is no score of the same row.
         """
-        on_gpu = run.config.device == "cuda" and torch.cuda.is_available()  # as the scores of the run itself are
-        device = torch.device("cuda" if on_gpu else "cpu")
-        key = (run.scene_content, run.config.reader, run.config.capture, device)
+        config = run.config
+        key = (protocol, scene, config.scene, run.scene_content, config.reader, config.capture, run.device)
         if key != self._key:  # another scene than that of the run before
-            self._scene = run.read_scene(self.scene)
-            self._stage, self._scorer = Stage(self._scene.expect_mesh(), device), Scorer(self._scene, self.protocol, device)
+            self._scene = run.read_scene(scene)
+            self._stage = Stage(self._scene.expect_mesh(), run.device)
+            self._scorer = Scorer(self._scene, protocol, run.device)
             self._key = key
         reconstruction: Reconstruction = run.pictures(self._scene) or run.reconstruction(self._stage)
         if run.record.renderer != reconstruction.renderer:
             raise InputError(
                 f"{run.folder / METRICS_FILE}: renderer: expected {reconstruction.renderer}, found {run.record.renderer}: its own "
-                f"renderer is gone; run it again with protocol={self.protocol.name}"
+                f"renderer is gone; run it again with protocol={protocol.name}"
             )
         return self._scorer.full(reconstruction, begin)

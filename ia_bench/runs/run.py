@@ -76,22 +76,23 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
     declared = result.declared or asked.declared  # of results that were brought, or of predictions, whose fit takes seconds too
     if result.declared is None and declared is not None and declared.seconds is not None:
         declared = replace(declared, seconds=declared.seconds + row_seconds(time_s))
-    found = {
-        **known,
-        **scores.as_dict(),
-        "sees_truth": asked.sees_truth or method.info.sees_truth,
-        "time_s": time_s,
-        "cpu_seconds": cpu_seconds if config.device == "cpu" else None,
-        "load": busy,
-        "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
-        "rays": counts.pop("rays", 0),
-        "network_calls": result.counters.get("network_calls", 0),
-        "counters": {**counts, **result.counters},
-        "plan": problem.plan.record() if "plan" in vars(problem) else {"needed": [], "left_out": []},
-        "capture": capture_record(scene, config.capture),
-        "declared": declared and asdict(declared),
-    }
-    return folder.write_record(RunRecord(**found, config_hash=folder.config_hash, status="ok"))
+    found = RunRecord(
+        **{**known, **scores.as_dict()},
+        config_hash=folder.config_hash,
+        status="ok",
+        sees_truth=asked.sees_truth or method.info.sees_truth,
+        time_s=time_s,
+        cpu_seconds=cpu_seconds if config.device == "cpu" else None,
+        load=busy,
+        peak_memory_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        rays=counts.pop("rays", 0),
+        network_calls=result.counters.get("network_calls", 0),
+        counters={**counts, **result.counters},
+        plan=problem.plan.record() if "plan" in vars(problem) else {"needed": [], "left_out": []},
+        capture=capture_record(scene, config.capture),
+        declared=None if declared is None else asdict(declared),
+    )
+    return folder.write_record(found)
 
 
 def write_assets(folder: RunFolder, reconstruction: Reconstruction) -> None:
@@ -178,5 +179,4 @@ class RunMonitor:
             return None
         self._curve = saved["curve"]
         self._costs.restore(saved["costs"])
-        state: dict[str, Any] = saved["method"]
-        return state
+        return dict(saved["method"])

@@ -16,16 +16,15 @@ from ia_bench.runs.folder import RunFolder, recorded_at
 from ia_bench.runs.identity import labels, setup
 from ia_bench.runs.interruption import GRACE_SECONDS
 from ia_bench.runs.launchers import ARRAY, Job, Local, WorkerDied
-from ia_bench.runs.record import RunRecord, damaged_file, finished_record
+from ia_bench.runs.record import RunRecord, finished_record
 
 ENDING_SECONDS = GRACE_SECONDS + 5
 """Runs that are cancelled have this time to save their state and end."""
 
 
-def run_cells(cells: Sequence[Cell], launcher: Local, jobs: int, logs: Path, progress: Progress) -> int:
+def run_cells(cells: Sequence[Cell], launcher: Local, jobs: int, progress: Progress) -> int:
     """Run what is not finished, at most ``jobs`` at a time, and return how many cells failed.
 
-    One whose files are not what it wrote is not finished, as a run by itself would say.
     A cell whose worker dies is started again, ``launcher.attempts`` times in all, and goes on from its checkpoint. One that fails
     by itself would only fail again, and one whose record cannot be read has failed: it is left as it is.
     """
@@ -39,7 +38,7 @@ def run_cells(cells: Sequence[Cell], launcher: Local, jobs: int, logs: Path, pro
             progress.note(f"{cell.name}: FAILED ({error})")
             failed += 1
             continue
-        if record is None or damaged_file(cell.folder, record) is not None:
+        if record is None:
             waiting.append(cell)
         else:
             finished.append(record)
@@ -51,25 +50,26 @@ def run_cells(cells: Sequence[Cell], launcher: Local, jobs: int, logs: Path, pro
             progress.note(f"{len(others)} of them come from another state of the code; delete their folders to repeat them")
     if not waiting:
         return failed
+    logs = waiting[0].log.parent
     logs.mkdir(parents=True, exist_ok=True)
     task = progress.task("table", total=len(cells), done=len(cells) - len(waiting), unit="cell")
     before = {cell.folder: recorded_at(cell.folder) for cell in waiting}
     for cell in waiting:
-        cell.log(logs).unlink(missing_ok=True)
+        cell.log.unlink(missing_ok=True)
     attempts: Counter[Path] = Counter()
     running: dict[Job, Cell] = {}
     with launcher.opened(logs) as start:
         try:
             while waiting or running:
                 chosen = [waiting.popleft() for _ in range(min(len(waiting), jobs - len(running), ARRAY))]
-                if chosen:
-                    running |= zip(start([(cell.config, cell.log(logs)) for cell in chosen]), chosen, strict=True)
+                if chosen:  # of several, those that were started before one cannot be are among the running, which are ended
+                    running.update(zip(start([(cell.config, cell.log) for cell in chosen]), chosen, strict=True))
                 ended = [job for job in running if job.done()]
                 for job in ended:
                     cell = running.pop(job)
                     attempts[cell.folder] += 1
                     made = attempts[cell.folder]
-                    problem, died = _end_of(job, cell.log(logs))
+                    problem, died = _end_of(job, cell.log)
                     if died and made < launcher.attempts:
                         progress.note(f"{cell.name}: {problem}; attempt {made + 1} of {launcher.attempts}")
                         waiting.append(cell)
@@ -77,7 +77,7 @@ def run_cells(cells: Sequence[Cell], launcher: Local, jobs: int, logs: Path, pro
                     if problem is not None:
                         failed += 1
                         problem += f"; {made} attempts" if made > 1 else ""
-                        told = _failed(cell, problem, cell.log(logs), before[cell.folder])
+                        told = _failed(cell, problem, before[cell.folder])
                     progress.note(f"{cell.name}: {'ok' if problem is None else told}")
                     task.advance(1, failed=failed)
                 if not ended:
@@ -108,7 +108,7 @@ def _end_of(job: Job, log: Path) -> tuple[str | None, bool]:
     return f"exit status {status}: {lines[-1].strip() if lines else 'no output'}", status in (INTERRUPTED, TERMINATED)
 
 
-def _failed(cell: Cell, problem: str, log: Path, before: int) -> str:
+def _failed(cell: Cell, problem: str, before: int) -> str:
     """Record the failure, unless the run has (its record was written at ``before``); the cell's last word."""
     try:
         with RunFolder(cell.folder, cell.content, cell.config_hash, setup=setup(cell.config)) as folder:
@@ -116,4 +116,4 @@ def _failed(cell: Cell, problem: str, log: Path, before: int) -> str:
                 folder.write_failure(problem, labels(cell.config, cell.content))
     except (InputError, Fault, OSError) as error:  # of this cell; the others go on
         return f"FAILED ({error})"
-    return f"FAILED ({problem}), see {log}"
+    return f"FAILED ({problem}), see {cell.log}"

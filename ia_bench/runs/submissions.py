@@ -24,7 +24,8 @@ from ia_bench.runs.record import json_bytes
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.images import Images, straight
-from ia_bench.scenes.scene import View
+from ia_bench.scenes.scene import Scene, View
+from ia_bench.scores.comparison import Predictions
 from ia_bench.scores.scorer import Scorer
 
 SIDE = 512  # pixels of the pictures that the evaluation takes
@@ -47,8 +48,7 @@ def write_predictions(run: Path, out: Path) -> dict[str, int]:
     if not (run / "albedo.exr").is_file():
         raise InputError(f"{run}: expected a run with textures (albedo.exr), found none: its pictures are not kept")
     make_writable(out, "--pictures")
-    scorer = Scorer(scene, found.config.protocol, torch.device("cpu"))
-    drawn = scorer.pictures(found.reconstruction(Stage(scene.expect_mesh(), torch.device("cpu"))))
+    _, drawn = _drawn(found, scene)
     folders: dict[str, Images | None] = {name: getattr(drawn, name) for name in ("albedo", "roughness", "view_synthesis")}
     folders |= {f"relighting/{light}": images for light, images in (drawn.relighting or {}).items()}
     written: dict[str, int] = {}
@@ -96,15 +96,15 @@ def _capture(run: Recovered, out: Path, photographs: str, truth: str, capture: s
         raise InputError(
             f"{run.folder}: expected views of {SIDE} x {SIDE} pixels (reader.options.shrink=4), found {size[0]} x {size[1]}"
         )
-    stage = Stage(scene.expect_mesh(), torch.device("cpu"))
-    found = run.reconstruction(stage)
-    drawn = Scorer(scene, run.config.protocol, stage.device).pictures(found)
+    stage, drawn = _drawn(run, scene)
     test, seen = scene.test, [view for view in scene.novel if view.light == "train"]
-    mask = f"{photographs}/{capture}/test_mask"
 
-    def pair(name: str, images: Images | None, number: int, target: str, **more: str) -> Pairs:
+    def pair(name: str, images: Images | None, number: int, target: str) -> Pairs:
         written = None if images is None else _write(out / name, straight(images.images[number], images.coverage[number]))
-        return {"output_image": written, "target_image": target, **more}
+        return {"output_image": written, "target_image": target}
+
+    def masked(view: View) -> Pairs:
+        return {"target_mask": f"{photographs}/{capture}/test_mask/{view.name}.png"}
 
     def photograph(place: str, view: View) -> str:
         return f"{photographs}/{place}/test/{view.name.rpartition('_')[2]}.exr"
@@ -118,19 +118,19 @@ def _capture(run: Recovered, out: Path, photographs: str, truth: str, capture: s
     return {
         "view": [pair(f"view/{v.name}.exr", drawn.view_synthesis, n, photograph(capture, v)) for n, v in enumerate(seen)],
         "light": [pair(f"light/{v.name}.exr", images, 0, photograph(v.light.rpartition("_")[0], v)) for v, images in lit],
-        "geometry": [_geometry(stage, view, out, truth) | {"target_mask": f"{mask}/{view.name}.png"} for view in test],
+        "geometry": [_geometry(stage, view, out, truth) | masked(view) for view in test],
         "material": [
-            pair(
-                f"albedo/{view.name}.exr",
-                drawn.albedo,
-                number,
-                f"{truth}/pseudo_gt_albedo/{view.name}.png",
-                target_mask=f"{mask}/{view.name}.png",
-            )
-            for number, view in enumerate(test)
+            pair(f"albedo/{v.name}.exr", drawn.albedo, n, f"{truth}/pseudo_gt_albedo/{v.name}.png") | masked(v)
+            for n, v in enumerate(test)
         ],
         "shape": {"output_mesh": str(shape), "target_mesh": f"{truth}/mesh_blender/mesh.obj"},
     }
+
+
+def _drawn(run: Recovered, scene: Scene) -> tuple[Stage, Predictions]:
+    """The mesh of a run's scene, and the pictures by which the run is scored, drawn on the CPU."""
+    stage = Stage(scene.expect_mesh(), torch.device("cpu"))
+    return stage, Scorer(scene, run.config.protocol, stage.device).pictures(run.reconstruction(stage))
 
 
 def _geometry(stage: Stage, view: View, out: Path, truth: str) -> Pairs:

@@ -195,10 +195,14 @@ def _check(table: Table) -> None:
             raise InputError(f"scenes: {entry.name}: capture: expected none in a table that has captures, found {entry.capture}")
 
 
+def key_of(override: str) -> str:
+    """The setting that an override sets: ``seed`` of ``+seed=3``."""
+    return override.partition("=")[0].lstrip("+~")
+
+
 def refuse_own(override: str, *others: str, where: str = "") -> None:
     """Raise InputError for an override of what the table sets for every cell: SET_BY_TABLE, and what begins with ``others``."""
-    key = override.partition("=")[0].lstrip("+~")
-    if key in SET_BY_TABLE or key.startswith(others):
+    if key_of(override) in SET_BY_TABLE or key_of(override).startswith(others):
         raise InputError(f"{where}{override}: the table sets this for every cell; it has scenes=, seeds=, rows= and table=")
 
 

@@ -20,7 +20,6 @@ from ia_bench.runs.identity import hash_of, protocol_hash
 from ia_bench.runs.packs import PackedRun, check_reader, problems, unpack
 from ia_bench.runs.record import METRICS_FILE, RunRecord
 from ia_bench.runs.recovered import Recovered, Rescorer
-from ia_bench.scores.protocol import Protocol
 
 TOLERANCE = {"psnr": 0.02, "ssim": 5e-4, "lpips": 5e-4, "mse": 1e-4}
 """How far a score may be from what is found again, by the name of its metric; OTHER of it where the name is another."""
@@ -49,41 +48,35 @@ class Verdict:
     says: tuple[str, ...]
 
 
-class Verifier:
-    """Verifies packs; successive runs of one scene share what was traced of it."""
+def verify(path: Path, scenes: Mapping[str, Path], rescorer: Rescorer, progress: Progress) -> list[Verdict]:
+    """A verdict on every run of the pack ``path``, scene by scene. Raises InputError for what is no pack, or a damaged one.
 
-    def __init__(self, scenes: Mapping[str, Path]) -> None:
-        """``scenes``: name of a scene -> its folder here, for those that are not shipped."""
-        self._scenes = scenes
-        self._last: tuple[tuple[Protocol, str], Rescorer] | None = None
+    ``scenes``: name of a scene -> its folder here, for those that are not shipped.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        runs = sorted(unpack(path, Path(place)).runs, key=lambda run: run.folder)
+        return [_verdict(run, Path(place), scenes, rescorer, progress) for run in runs]
 
-    def verify(self, path: Path, progress: Progress) -> list[Verdict]:
-        """A verdict on every run of the pack ``path``, scene by scene. Raises InputError for what is no pack, or a damaged one."""
-        with tempfile.TemporaryDirectory() as place:
-            runs = sorted(unpack(path, Path(place)).runs, key=lambda run: run.folder)
-            return [self._verdict(run, Path(place), progress) for run in runs]
 
-    def _verdict(self, run: PackedRun, place: Path, progress: Progress) -> Verdict:
-        said, name = problems(run, place), run.folder
-        state: State = "not scored again"
-        try:
-            record = RunRecord.read(place / run.folder)
-            name = f"{record.row}, {record.scene}, seed {record.seed}"
-            if record.status != "ok":
-                raise InputError("the run failed")
-            progress.note(f"{name}: scoring again")
-            check_reader(place / run.folder)
-            recovered = Recovered(place / run.folder)
-            said += _inconsistent(recovered)
-            key = recovered.config.protocol, recovered.config.scene.name
-            if self._last is None or self._last[0] != key:
-                self._last = key, Rescorer(key[0], Path(), self._scenes.get(key[1]))
-            found = self._last[1].score(recovered, progress.task).as_dict()
-            apart, state = differences(asdict(record), found), "verified"
-        except Exception as error:  # what is read of a pack is somebody else's
-            told = str(error) if isinstance(error, InputError | Fault) else raised(error)
-            apart = () if said else (told.replace(f"{place}/", ""),)
-        return Verdict(run.folder, name, "differs" if said or (apart and state == "verified") else state, (*said, *apart))
+def _verdict(run: PackedRun, place: Path, scenes: Mapping[str, Path], rescorer: Rescorer, progress: Progress) -> Verdict:
+    said, name = problems(run, place), run.folder
+    state: State = "not scored again"
+    try:
+        record = RunRecord.read(place / run.folder)
+        name = f"{record.row}, {record.scene}, seed {record.seed}"
+        if record.status != "ok":
+            raise InputError("the run failed")
+        progress.note(f"{name}: scoring again")
+        check_reader(place / run.folder)
+        recovered = Recovered(place / run.folder)
+        said += _inconsistent(recovered)
+        config = recovered.config
+        found = rescorer.score(recovered, config.protocol, scenes.get(config.scene.name), progress.task).as_dict()
+        apart, state = differences(asdict(record), found), "verified"
+    except Exception as error:  # what is read of a pack is somebody else's
+        told = str(error) if isinstance(error, InputError | Fault) else raised(error)
+        apart = () if said else (told.replace(f"{place}/", ""),)
+    return Verdict(run.folder, name, "differs" if said or (apart and state == "verified") else state, (*said, *apart))
 
 
 def differences(told: Mapping[str, Any], found: Mapping[str, Any]) -> tuple[str, ...]:

@@ -25,17 +25,6 @@ from ia_bench.scenes.exr import MAX_PIXELS, expect_size_to_read, read_exr, refus
 HIGH_BIT_MODES = {"I;16": 65535.0, "I;16B": 65535.0, "I;16L": 65535.0, "I": 65535.0}
 """Greyscale modes of Pillow with more than 8 bits, and the value of white in them."""
 
-AS_STORED = {
-    2: Image.Transpose.FLIP_LEFT_RIGHT,
-    3: Image.Transpose.ROTATE_180,
-    4: Image.Transpose.FLIP_TOP_BOTTOM,
-    5: Image.Transpose.TRANSPOSE,
-    6: Image.Transpose.ROTATE_90,
-    7: Image.Transpose.TRANSVERSE,
-    8: Image.Transpose.ROTATE_270,
-}
-"""What undoes the turn that an EXIF orientation asks for."""
-
 CONVERTED = ("RGB", "RGBA", "P")
 """Modes of Pillow whose colours a profile is applied to: 8 bits of red, green and blue."""
 PROFILE_ROUNDING = 2  # steps of 255 by which a profile of sRGB itself may move a colour
@@ -64,13 +53,17 @@ def read_photograph(
         radiance, coverage = srgb_to_linear(values[..., :3]) * values[..., 3:], values[..., 3]
     if mask is not None:
         chosen = read_mask(mask, upright=upright)
-        if chosen.shape != coverage.shape:
-            found, expected = chosen.shape, coverage.shape
-            raise InputError(f"{mask}: expected {expected[1]} x {expected[0]} pixels like {path}, found {found[1]} x {found[0]}")
+        expect_size(mask, chosen.shape, coverage.shape, str(path))
         radiance, coverage = radiance * chosen[..., None], coverage * chosen
     if not (coverage > 0).any():
         raise InputError(f"{mask or path}: the mask has no pixel of an object (all of it is 0)")
     return radiance.astype(np.float32), coverage.astype(np.float32)
+
+
+def expect_size(path: Path, found: tuple[int, ...], expected: tuple[int, ...], like: str) -> None:
+    """Raise InputError unless an image of shape ``found`` has the height and width of ``expected``, those of ``like``."""
+    if found[:2] != expected[:2]:
+        raise InputError(f"{path}: expected {expected[1]} x {expected[0]} pixels like {like}, found {found[1]} x {found[0]}")
 
 
 def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray, np.ndarray]:
@@ -162,12 +155,10 @@ def open_picture(path: Path, *, upright: bool = False, notice: Callable[[str], N
     try:
         with Image.open(path) as file:
             expect_size_to_read(path, *file.size)
-            turn = (
-                AS_STORED.get(file.getexif().get(ExifTags.Base.Orientation, 1)) if file.format == "TIFF" and not upright else None
-            )
+            if file.format == "TIFF" and not upright:  # which, of all formats, Pillow turns while it loads it
+                file.getexif().pop(ExifTags.Base.Orientation, None)
             reduced = file.mode not in HIGH_BIT_MODES and ";16" in str(file.tile)
             picture = _upright(file) if upright else file.copy()
-            picture = picture if turn is None else picture.transpose(turn)  # of all formats Pillow turns TIFF while it loads it
     except InputError:  # of the size
         raise
     except (OSError, SyntaxError, ValueError, struct.error, Image.DecompressionBombError) as error:  # as its formats raise them

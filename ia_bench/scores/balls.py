@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -43,34 +42,23 @@ def ball_pictures(light: Environment) -> Images:
     texels, mirrored = of_mean_one(light, ROWS), LatLongEnvironment(of_mean_one(light, MIRROR_ROWS))
     power = (texels * row_solid_angles(ROWS, 2 * ROWS)[:, None, None]).reshape(-1, 3).float()
     inside, seen = _balls()
-    shown = [EXPOSURE * mirrored.radiance(one.reflected) for one in seen]
-    shown += [EXPOSURE * (one.glossy @ power) for one in seen]
-    shown += [
-        EXPOSURE * (one.normal @ texel_centres(ROWS, 2 * ROWS).reshape(-1, 3).T).clamp_min(0) @ power / math.pi for one in seen
-    ]
+    towards = texel_centres(ROWS, 2 * ROWS).reshape(-1, 3).T
+    shown = [EXPOSURE * mirrored.radiance(reflected) for _, reflected, _ in seen]
+    shown += [EXPOSURE * (glossy @ power) for *_, glossy in seen]
+    shown += [EXPOSURE * (normal @ towards).clamp_min(0) @ power / math.pi for normal, *_ in seen]
     pictures = torch.zeros(len(shown), SIDE, SIDE, 3)
     for picture, values in zip(pictures, shown, strict=True):
         picture[inside] = values.float()
     return Images(tuple(pictures.numpy()), (inside.float().numpy(),) * len(shown))
 
 
-class _Seen(NamedTuple):
-    """What a ball shows from one side in its P pixels.
-
-    Attributes:
-        normal: (P, 3).
-        reflected: Where the mirror looks, (P, 3).
-        glossy: (P, T), the glossy ball's BRDF times the cosine, for light from each of the T texels, per steradian.
-    """
-
-    normal: Tensor
-    reflected: Tensor
-    glossy: Tensor
-
-
 @functools.cache
-def _balls() -> tuple[Tensor, list[_Seen]]:
-    """Which pixels of a picture show the ball, (SIDE, SIDE) bool, and what they show from each side."""
+def _balls() -> tuple[Tensor, list[tuple[Tensor, Tensor, Tensor]]]:
+    """Which pixels of a picture show the ball, (SIDE, SIDE) bool, and what these P pixels show from each side.
+
+    That is the normal (P, 3); where the mirror looks (P, 3); and the glossy ball's BRDF times the cosine, for light from each of
+    the T texels, per steradian (P, T).
+    """
     line = (torch.arange(SIDE) + 0.5) / SIDE * 2 - 1
     up, right = torch.meshgrid(-line, line, indexing="ij")
     inside = up.square() + right.square() < 1
@@ -85,7 +73,7 @@ def _balls() -> tuple[Tensor, list[_Seen]]:
         normal = toward[:, None] * view + right[:, None] * across
         normal[:, 2] = up
         lobe = microfacets(normal[:, None], view, directions, roughness)[0][..., 0]
-        seen.append(_Seen(normal, 2 * toward[:, None] * normal - view, lobe))
+        seen.append((normal, 2 * toward[:, None] * normal - view, lobe))
     return inside, seen
 
 

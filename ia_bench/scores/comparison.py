@@ -17,7 +17,7 @@ one. The first comes first, since it is the same for every prediction: nothing b
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -61,6 +61,7 @@ class Pair:
         known: (H, W), True where the truth is known.
         coverage: (H, W) each, of prediction and truth. What the prediction does not cover counts as black.
         spread: Half the difference of two estimates of the prediction, linear (H, W, 3); None of what has no noise.
+        parts: Of the squared error (:mod:`ia_bench.scores.error_split`); nothing where it is not split.
     """
 
     predicted: np.ndarray
@@ -69,6 +70,7 @@ class Pair:
     known: np.ndarray
     coverage: tuple[np.ndarray, np.ndarray]
     spread: np.ndarray | None = None
+    parts: Mapping[str, float] = field(default_factory=dict)
 
 
 def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> list[Pair]:
@@ -79,8 +81,7 @@ def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> 
     if len(predicted) != len(true):
         raise ValueError(f"{what}: expected {len(true)} views, found {len(predicted)}")
     result = []
-    for index in range(len(true)):
-        theirs, ours = true.images[index], predicted.images[index]
+    for index, (theirs, ours) in enumerate(zip(true.images, predicted.images, strict=True)):
         if theirs.shape != ours.shape:
             raise ValueError(f"{what}, view {index}: expected shape {theirs.shape}, found {ours.shape}")
         given = None if true.known is None else true.known[index]
@@ -150,12 +151,8 @@ GREY = 0.5
 
 def pictures(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
     """Compare two pictures in an encoding, of the object alone or as whole images."""
-    settings = protocol.comparison
-    if settings.area == "object":
-        return of_object(view, protocol, encoding)
-    scored = _eroded(view.mask, settings.erosion)
-    _expect_finite(view, scored, everywhere=True)
-    return _whole(view, protocol, scored, *_encoded(view, encoding, _scale(view, scored, settings)))
+    compare = of_object if protocol.comparison.area == "object" else _whole
+    return compare(view, protocol, encoding)
 
 
 def of_object(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
@@ -170,14 +167,9 @@ def linear_pictures(view: Pair, protocol: Protocol) -> Compared:
 
     Both are first multiplied by mean(sRGB(clip(true))) / mean(clip(true)) over the image, where clip is to [0, 1].
     """
-    settings = protocol.comparison
-    assert settings.hdr_clip is not None
-    scored = _eroded(view.mask, settings.erosion)
-    _expect_finite(view, scored, everywhere=True)
-    shown = (view.true * scored[..., None]).clip(0, 1)
+    shown = (view.true * _eroded(view, protocol.comparison)[..., None]).clip(0, 1)
     gain = linear_to_srgb(shown).mean() / shown.mean() if shown.mean() > 1e-8 else 1.0
-    scale = _scale(view, scored, settings)
-    return _whole(view, protocol, scored, *_encoded(view, "linear", scale, gain=float(gain), largest=settings.hdr_clip))
+    return _whole(view, protocol, "linear", float(gain), protocol.comparison.hdr_clip or 1.0)
 
 
 def over_white(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
@@ -190,20 +182,19 @@ def over_white(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
 
 
 def scalar(view: Pair, protocol: Protocol) -> Compared:
-    """Compare roughness or metallic as it is: over the object, or over a whole image with the background's grey around it."""
-    whole = protocol.comparison.area == "image"
-    scored = _eroded(view.mask, protocol.comparison.erosion)
-    _expect_finite(view, scored, everywhere=whole)
-    if not whole:
-        return Compared(view.predicted, view.true, view.mask, protocol)
+    """Compare roughness or metallic: as it is, or in a whole image with the background's grey around it."""
+    if protocol.comparison.area == "object":
+        return as_it_is(view, protocol)
+    scored = _eroded(view, protocol.comparison)
+    _expect_finite(view, scored, everywhere=True)
     pair = _composed(view, protocol.comparison, scored, (view.predicted, view.true))
     return Compared(*pair, view.known, protocol, whole=True)
 
 
-def logarithms(view: Pair, protocol: Protocol) -> Compared:
-    """Compare what is a logarithm already as it is."""
+def as_it_is(view: Pair, protocol: Protocol) -> Compared:
+    """Compare what is neither encoded nor clipped, over the object."""
     _expect_finite(view, view.mask)
-    return Compared(view.predicted, view.true, view.mask, protocol)
+    return Compared(view.predicted, view.true, view.mask, protocol, parts=view.parts)
 
 
 def _expect_finite(view: Pair, scored: np.ndarray, *, everywhere: bool = False) -> None:
@@ -217,7 +208,7 @@ def _expect_finite(view: Pair, scored: np.ndarray, *, everywhere: bool = False) 
 
 
 def _encoded(
-    view: Pair, encoding: Encoding, scale: np.ndarray | float = 1.0, *, gain: float = 1.0, largest: float = 1.0
+    view: Pair, encoding: Encoding, scale: np.ndarray | float = 1.0, gain: float = 1.0, largest: float = 1.0
 ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[int, int]]:
     """Prediction times ``scale``, and truth, both times ``gain``, encoded and clipped; and how many values of each were clipped."""
     parts = view.predicted * scale * gain, view.true * gain
@@ -241,11 +232,12 @@ def encode(linear: np.ndarray, encoding: Encoding, inside: np.ndarray, largest: 
     return np.clip(values, 0.0, largest), int(beyond.sum())
 
 
-def _whole(
-    view: Pair, protocol: Protocol, scored: np.ndarray, pair: tuple[np.ndarray, np.ndarray], clipped: tuple[int, int]
-) -> Compared:
-    """Both pictures over the background, and the grey object that is the floor of PSNR."""
+def _whole(view: Pair, protocol: Protocol, encoding: Encoding, gain: float = 1.0, largest: float = 1.0) -> Compared:
+    """Compare two pictures as whole images, both times ``gain``, and the grey object that is the floor of PSNR."""
     settings = protocol.comparison
+    scored = _eroded(view, settings)
+    _expect_finite(view, scored, everywhere=True)
+    pair, clipped = _encoded(view, encoding, _scale(view, scored, settings), gain, largest)
     over = _composed(view, settings, scored, pair)
     grey = _composed(view, settings, scored, (np.full(pair[0].shape, GREY), pair[1]))[0] if settings.floor else None
     return Compared(*over, view.known, protocol, whole=True, grey=grey, clipped=clipped)
@@ -265,11 +257,13 @@ def _composed(
     return over[0], over[1]
 
 
-def _eroded(mask: np.ndarray, side: int) -> np.ndarray:
-    """The mask (H, W) bool without what is nearer than half of ``side`` pixels to its edge; the image's border is no edge."""
+def _eroded(view: Pair, settings: ComparisonSettings) -> np.ndarray:
+    """The mask without what is nearer than half of ``settings.erosion`` pixels to its edge; the image's border is no edge."""
+    if not settings.erosion:
+        return view.mask
     from scipy.ndimage import binary_erosion  # only other papers' protocols need it
 
-    return binary_erosion(mask, np.ones((side, side)), border_value=1) if side else mask
+    return binary_erosion(view.mask, np.ones((settings.erosion, settings.erosion)), border_value=1)
 
 
 def _scale(view: Pair, scored: np.ndarray, settings: ComparisonSettings) -> np.ndarray:

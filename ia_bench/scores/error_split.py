@@ -13,8 +13,8 @@ single pixel's ``low`` or ``level`` may be negative.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ from ia_bench.render.stage import Stage
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Camera, Mesh, View, farthest_first
 from ia_bench.scores.comparison import Pair
-from ia_bench.scores.metrics import ERROR_PARTS, Compared, NoScoredPixel, Undefined
+from ia_bench.scores.metrics import ERROR_PARTS, NoScoredPixel, Undefined
 from ia_bench.scores.protocol import Protocol
 
 WIDTH = 0.05  # of the Gaussian that smooths, over the diagonal of the surface's box
@@ -72,21 +72,8 @@ class VisibleSurface(NamedTuple):
         return cls(position.cpu().numpy(), normal.cpu().numpy(), seen.cpu().numpy(), tuple(entries))
 
 
-@dataclass(frozen=True)
-class SplitPair(Pair):
-    """One view and the parts of its error."""
-
-    parts: Mapping[str, float] = field(default_factory=dict)
-
-    def compared(self) -> Compared:
-        """What metrics take. Raises NoScoredPixel for a view without one."""
-        if not self.mask.any():
-            raise NoScoredPixel
-        return Compared(self.predicted, self.true, self.mask, parts=self.parts)
-
-
-def split(views: Sequence[Pair], shown: VisibleSurface, protocol: Protocol) -> list[SplitPair]:
-    """The parts of the error of every view of albedo, means over its scored pixels and channels.
+def split(views: Sequence[Pair], shown: VisibleSurface, protocol: Protocol) -> list[Pair]:
+    """The views of albedo with the parts of their error, means over the scored pixels and channels of each.
 
     Raises Undefined where no view has a scored pixel or the prediction is not finite in one.
     """
@@ -111,7 +98,7 @@ def split(views: Sequence[Pair], shown: VisibleSurface, protocol: Protocol) -> l
     }
     ends = np.cumsum([int(view.mask.sum()) for view in views])[:-1]
     of_view = {name: [float(part.mean()) if len(part) else 0.0 for part in np.split(squares[name], ends)] for name in ERROR_PARTS}
-    return [SplitPair(**vars(view), parts={name: of_view[name][i] for name in ERROR_PARTS}) for i, view in enumerate(views)]
+    return [replace(view, parts={name: of_view[name][i] for name in ERROR_PARTS}) for i, view in enumerate(views)]
 
 
 def _encoded(linear: np.ndarray, protocol: Protocol) -> np.ndarray:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -38,7 +37,7 @@ REDRAWN = "_reference"
 """How the names of scores end that are of exported textures, drawn by the reference renderer beside a method's own pictures."""
 
 Value = float | Undefined
-Views = list[Pair] | dict[str, list[Pair]] | str  # of one component (per light for relighting), or why there are none
+Views = dict[str, list[Pair]] | str  # of one component by novel light, "" for what has none; or why there are none
 NO_TRUTH = {
     "albedo": "the scene has no true albedo in its test views",
     "view_synthesis": "the scene has no held-out view under its training light",
@@ -82,8 +81,7 @@ class Scores:
             self.reasons.update({f"{component}.{name}": views for name in names})
             return
 
-        groups = views if isinstance(views, dict) else {"": views}
-        measured = {light: [_measured(view, compare, metrics) for view in group] for light, group in groups.items()}
+        measured = {light: [_measured(view, compare, metrics) for view in group] for light, group in views.items()}
         by_light = {light: {name: [found[name] for found, _ in group] for name in names} for light, group in measured.items()}
         self.per_image[component] = by_light.get("", by_light)
         for name in names:
@@ -95,7 +93,7 @@ class Scores:
             for light, reason in why.items():
                 self.reasons[".".join(filter(None, ("per_image", component, light, name)))] = reason
 
-        seen = [view for group in groups.values() for view in group]
+        seen = [view for group in views.values() for view in group]
         everything = [one for group in measured.values() for one in group]
         spread = any(view.spread is not None for view in seen)
         empty = [all(isinstance(value, NoScoredPixel) for value in found.values()) for found, _ in everything]
@@ -111,13 +109,8 @@ class Scores:
 
     def as_dict(self) -> dict[str, Any]:
         """Return what metrics.json stores; what is no finite number becomes null, its reason stands in ``reasons``."""
-        return {
-            "protocol": self.protocol.label,
-            "protocol_description": self.protocol.describe(),
-            "renderer": self.renderer,
-            **{name: finite_or_none(getattr(self, name)) for name in ("metrics", "variants", "per_image")},
-            **{name: deepcopy(getattr(self, name)) for name in ("reasons", "counts", "albedo_scales", "geometry")},
-        }
+        numbers = {name: finite_or_none(value) for name, value in vars(self).items() if name != "protocol"}
+        return {"protocol": self.protocol.label, "protocol_description": self.protocol.describe(), **numbers}
 
 
 def score(
@@ -135,8 +128,7 @@ def score(
     psnr = [METRIC_OF["albedo.psnr"]]
     for name, of in views.items():
         if name not in NEVER_WHOLE:
-            encoding = protocol.albedo_encoding if "albedo" in name else protocol.radiance_encoding
-            over_white = partial(comparison.over_white, protocol=protocol, encoding=encoding)
+            over_white = partial(comparison.over_white, protocol=protocol, encoding=_encoding(name, protocol))
             scores.record(f"{name}_whole_image", of, over_white, psnr)
     other: Encoding = "linear" if protocol.albedo_encoding == "srgb" else "srgb"
     in_other = partial(comparison.pictures, protocol=protocol, encoding=other)
@@ -193,15 +185,17 @@ def record_all(
     return found
 
 
+def _encoding(component: str, protocol: Protocol) -> Encoding:
+    return protocol.albedo_encoding if "albedo" in component else protocol.radiance_encoding
+
+
 def _record_one(scores: Scores, component: str, views: Views, metrics: tuple[Metric, ...], suffix: str) -> None:
     """One component, as the protocol compares it."""
-    protocol = scores.protocol
-    encoding = protocol.albedo_encoding if "albedo" in component else protocol.radiance_encoding
+    protocol, encoding = scores.protocol, _encoding(component, scores.protocol)
     ways: dict[str, Callable[..., Compared]] = {
         **dict.fromkeys(("roughness", "metallic"), comparison.scalar),
+        **dict.fromkeys(("log_light", "albedo_error"), comparison.as_it_is),
         "light": partial(comparison.of_object, encoding=encoding),
-        "log_light": comparison.logarithms,
-        "albedo_error": lambda view, protocol: view.compared(),
     }
     compare = partial(ways.get(component, partial(comparison.pictures, encoding=encoding)), protocol=protocol)
     scores.record(component + suffix, views, compare, [metric for metric in metrics if metric.component == component])
@@ -215,24 +209,23 @@ def _paired(predictions: Predictions, truth: Predictions, what: str, protocol: P
     if predicted is None:
         return f"the method does not predict {what.replace('_', ' ')}"
     if what != "relighting":
-        return pairs(predicted, true, protocol.mask_threshold, what)
+        return {"": pairs(predicted, true, protocol.mask_threshold, what)}
     if sorted(predicted) != sorted(true):
         raise ValueError(f"relighting: expected the lights {sorted(true)}, found {sorted(predicted)}")
     return {name: pairs(predicted[name], true[name], protocol.mask_threshold, f"relighting under {name}") for name in sorted(true)}
 
 
-def _aligned(scores: Scores, alignment: str, albedo: Views, suffix: str = "") -> list[Pair] | str:
+def _aligned(scores: Scores, alignment: str, albedo: Views, suffix: str = "") -> Views:
     """Scale the predicted albedo by one of the alignments and note the scale."""
     if isinstance(albedo, str):
         return albedo
-    assert not isinstance(albedo, dict)  # of lights, which albedo has none of
     try:
-        factor = scale(alignment, *stacked(albedo))
+        factor = scale(alignment, *stacked(albedo[""]))
     except Undefined as reason:
         scores.albedo_scales[alignment + suffix] = None
         return f"albedo cannot be aligned: {reason}"
     scores.albedo_scales[alignment + suffix] = factor.tolist()
-    return [replace(view, predicted=view.predicted * factor) for view in albedo]
+    return {"": [replace(view, predicted=view.predicted * factor) for view in albedo[""]]}
 
 
 def _split(albedo: Views, shown: VisibleSurface | None, protocol: Protocol) -> Views:
@@ -241,9 +234,8 @@ def _split(albedo: Views, shown: VisibleSurface | None, protocol: Protocol) -> V
         return albedo
     if shown is None:
         return "the scene has no true mesh"
-    assert not isinstance(albedo, dict)  # of lights, which albedo has none of
     try:
-        return [*split(albedo, shown, protocol)]
+        return {"": split(albedo[""], shown, protocol)}
     except Undefined as reason:
         return str(reason)
 
@@ -271,13 +263,10 @@ def explain(values: Sequence[Value]) -> str | None:
     """
     if not values:
         return "no image"
-    where: dict[str, list[int]] = {}
-    said = []
+    where, said = dict[str, list[int]](), []
     for index, value in enumerate(values):
-        if isinstance(value, Undefined):
-            where.setdefault(str(value), []).append(index)
-        elif math.isinf(value):
-            where.setdefault("identical", []).append(index)
+        if isinstance(value, Undefined) or math.isinf(value):
+            where.setdefault(str(value) if isinstance(value, Undefined) else "identical", []).append(index)
     for reason, found in where.items():
         images = f"image{'s' * (len(found) > 1)} {', '.join(map(str, found))}"
         said.append(f"{reason} ({'every image' if len(found) == len(values) else images})")

@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, redirect_stdout
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +23,10 @@ from ia_bench.common.paths import PACKAGE
 from ia_bench.common.registry import process_state_kept
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scores.protocol import LpipsSettings, Protocol, SsimSettings
+
+if TYPE_CHECKING:
+    import lpips as lpips_package
+    from torch import Tensor
 
 C1, C2 = 0.01**2, 0.03**2  # of SSIM, for a data range of 1
 LEAST = 0.1  # of the noise that stays as an error: with less, chance would decide
@@ -87,7 +91,10 @@ class Compared:
 
 def squared_error(pair: Compared) -> float:
     """Mean of (predicted - true)^2 over the area's pixels and channels. Raises NoScoredPixel on an empty area."""
-    return _squared_error(pair.predicted, pair.true, pair.area)
+    if not pair.area.any():
+        raise NoScoredPixel
+    predicted, true = (picture[pair.area].astype(np.float64) for picture in (pair.predicted, pair.true))
+    return float(np.square(predicted - true).mean())
 
 
 def root_squared_error(pair: Compared) -> float:
@@ -103,7 +110,7 @@ def psnr(pair: Compared) -> float:
     """
     errors = [without_noise(pair)[0]]
     if pair.grey is not None:
-        errors.append(_squared_error(pair.grey, pair.true, pair.area))
+        errors.append(squared_error(replace(pair, predicted=pair.grey)))
     return float("inf") if min(errors) == 0 else -10.0 * float(np.log10(min(errors)))
 
 
@@ -145,12 +152,6 @@ def ssim(pair: Compared) -> float:
     return float(_similarity(pair.predicted[seen], pair.true[seen], spread, settings)[pair.area[seen]].mean())
 
 
-def _squared_error(predicted: np.ndarray, true: np.ndarray, area: np.ndarray) -> float:
-    if not area.any():
-        raise NoScoredPixel
-    return float(np.square(predicted[area].astype(np.float64) - true[area].astype(np.float64)).mean())
-
-
 def _similarity(predicted: np.ndarray, true: np.ndarray, spread: np.ndarray | None, settings: SsimSettings) -> np.ndarray:
     """The SSIM map (H, W, 3) of two images (H, W, 3), which are mirrored at their borders; less the variance of a ``spread``."""
     from scipy.ndimage import gaussian_filter  # only the scores of a whole run need it
@@ -165,10 +166,6 @@ def _similarity(predicted: np.ndarray, true: np.ndarray, spread: np.ndarray | No
     structure = (2 * (xy - mean_x * mean_y) + C2) / ((variances if spread is None else variances.clip(0)) + C2)
     return luminance * structure
 
-
-if TYPE_CHECKING:
-    import lpips as lpips_package
-    from torch import Tensor
 
 SHIPPED = {"squeeze": PACKAGE / "scores" / "weights" / "lpips_squeeze.safetensors"}  # networks that need no download
 SMALLEST = 32  # pixels; AlexNet's deepest features vanish below 31

@@ -18,22 +18,7 @@ from ia_bench.common.settings import flat, parsed
 from ia_bench.render.settings import REFERENCE, REFERENCE_ATLAS, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
 
 Encoding = Literal["srgb", "linear"]
-AlignmentName = Literal["mean_rgb", "per_channel", "least_squares", "median_ratio", "none"]
-LpipsNet = Literal["alex", "vgg", "squeeze"]
 Count = Annotated[int, Field(ge=1, le=2**16)]  # points or samples: more would never end
-
-
-WHOLE_IMAGE_RULES = {
-    "mask_rule": "all pixels; both images divided by their own coverage, then cut out as comparison.silhouette says",
-    "background": "comparison.background in both images, after encoding",
-    "clipping": "before encoding",
-    "roughness": "mean squared error of perceptual roughness over whole images, the background's grey around the object",
-}
-"""What :meth:`Protocol.describe` says where whole images are compared."""
-
-
-NOISE_RULE = "pictures are means of two halves of the samples; half their difference, squared, is subtracted in PSNR and SSIM"
-"""What it says where the noise of renders is subtracted."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +54,7 @@ class LpipsSettings:
     "squeeze", and lets the ``lpips`` package download the others.
     """
 
-    net: LpipsNet = "squeeze"
+    net: Literal["alex", "vgg", "squeeze"] = "squeeze"
     weights: str | None = None
 
 
@@ -132,7 +117,7 @@ class Protocol:
     noise: Literal["kept", "subtracted"] = "subtracted"
     albedo_encoding: Encoding = "srgb"
     radiance_encoding: Encoding = "srgb"
-    alignment: AlignmentName = "mean_rgb"
+    alignment: Literal["mean_rgb", "per_channel", "least_squares", "median_ratio", "none"] = "mean_rgb"
     mask_threshold: Annotated[float, Field(ge=0, lt=1)] = 0.5
     map_points: Count = 8
     render_points: Count = 4
@@ -170,9 +155,18 @@ class Protocol:
         known = {name: value for name, value in asdict(self).items() if name not in ("comparison", "noise")}
         if self.curve_lights is None:  # as former protocols were described, whose hash stays
             del known["curve_lights"]
-        rules = {} if self.comparison.area == "object" else WHOLE_IMAGE_RULES
+        rules = {}
         if self.noise == "subtracted":
-            rules = {"noise": NOISE_RULE, **rules}
+            halves = "pictures are means of two halves of the samples"
+            rules["noise"] = f"{halves}; half their difference, squared, is subtracted in PSNR and SSIM"
+        if self.comparison.area == "image":
+            grey = "the background's grey around the object"
+            rules = {
+                "mask_rule": "all pixels; both images divided by their own coverage, then cut out as comparison.silhouette says",
+                "background": "comparison.background in both images, after encoding",
+                "clipping": "before encoding",
+                "roughness": f"mean squared error of perceptual roughness over whole images, {grey}",
+            }
         if self.comparison != ComparisonSettings():
             known["comparison"] = asdict(self.comparison)
         return {

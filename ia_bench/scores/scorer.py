@@ -144,15 +144,13 @@ class Scorer:
         views = (2 if self._protocol.noise == "subtracted" else 1) * renders + len(truth.albedo or ())
         task = begin("scores", max(views, 1) * (2 if exported is None else 3))
         own = self._predict(reconstruction, truth, 1, samples, task.advance)
-        redrawn = None if exported is None else self._predict(exported, self._truth(1), 1, samples, task.advance)
-        if own.relighting is None and redrawn is not None and redrawn.relighting is not None:
+        redrawn = Predictions() if exported is None else self._predict(exported, self._truth(1), 1, samples, task.advance)
+        if own.relighting is None and redrawn.relighting is not None:
             own, renderer = replace(own, relighting=redrawn.relighting), f"{renderer}; under novel lights {REFERENCE}"
-        if exported is not None and redrawn is not None:
-            self.drawn = exported, redrawn
-        else:
-            self.drawn = (reconstruction, own) if isinstance(reconstruction, TexturedReconstruction) else None
         scores = score(own, truth, self._protocol, renderer=renderer, shown=self._shown if truth.albedo is not None else None)
-        if redrawn is not None:
+        self.drawn = (reconstruction, own) if isinstance(reconstruction, TexturedReconstruction) else None
+        if exported is not None:
+            self.drawn = exported, redrawn
             record_all(scores, redrawn, truth, METRICS, REDRAWN)
         if self.drawn is not None:
             scores.counts["textures"] = self.drawn[0].counts()
@@ -212,8 +210,8 @@ class Scorer:
 
     def _with_light(self, truth: Predictions) -> Predictions:
         """The same with pictures of the true training light, which curves, and textures that are drawn again, do not score."""
-        light = self._train_light
-        return replace(truth, light=_pictures_of(light, ball_pictures), log_light=_pictures_of(light, log_radiance))
+        light, log_light = _pictures_of(self._train_light)
+        return replace(truth, light=light, log_light=log_light)
 
     def _predict(
         self,
@@ -233,11 +231,9 @@ class Scorer:
         drawn(0 if truth.albedo is None else len(truth.albedo))
 
         def rendered(light: str, half: int) -> Images | None:
-            views, quality = (
-                self._novel[light][::stride],
-                Quality(protocol.render_points, max(1, samples // halves), halves * protocol.seed + half),
-            )
-            cameras, given = [view.camera for view in views], self._lights.get(light)
+            views, given = self._novel[light][::stride], self._lights.get(light)
+            quality = Quality(protocol.render_points, max(1, samples // halves), halves * protocol.seed + half)
+            cameras = [view.camera for view in views]
             images = reconstruction.render(cameras, light=given, albedo_scale=asked[light], quality=quality)
             drawn(len(views))
             return images if images is None or brought else images.exposed([view.exposure for view in views])
@@ -259,9 +255,7 @@ class Scorer:
                 if other is not None and pictures[name] is first and any(image.any() for image in first.images):
                     break  # no noise under this light: none under the others, under which the same renderer draws
         view_synthesis = pictures.pop("train", None)
-        own = reconstruction.environment
-        light = _pictures_of(own, ball_pictures) if truth.light is not None else None
-        log_light = _pictures_of(own, log_radiance) if truth.log_light is not None else None
+        light, log_light = _pictures_of(None if truth.light is None else reconstruction.environment)
         return Predictions(albedo, roughness, view_synthesis, pictures or None, light, log_light, metallic)
 
     def _exported(self, reconstruction: Reconstruction) -> TexturedReconstruction | None:
@@ -277,12 +271,12 @@ class Scorer:
         return self._stage
 
 
-def _pictures_of(light: Environment | None, draw: Callable[[Environment], Images]) -> Images | None:
-    """What stands for a light in scores; None for none, and for one that is black."""
+def _pictures_of(light: Environment | None) -> tuple[Images, Images] | tuple[None, None]:
+    """What stands for a light in scores: balls under it, and its log radiance; None for no light, and for one that is black."""
     try:
-        return None if light is None else draw(light)
+        return (None, None) if light is None else (ball_pictures(light), log_radiance(light))
     except Undefined:
-        return None
+        return None, None
 
 
 def _true(views: Sequence[View], component: str) -> Images | None:

@@ -27,7 +27,7 @@ def pair() -> tuple[ForwardStage, TrackedScene]:
 def test_images_agree_but_for_the_brdf(pair: tuple[ForwardStage, TrackedScene]):
     """Correlation over pixels; a texture that is upside down gives 0.7, noise and the other BRDF leave 0.98."""
     stage, scene = pair
-    ours = stage.scored(stage.render(Renderer(stage.surface, stage.visibility), 128, 0))
+    ours = stage.scored(stage.render(Renderer(stage.surface, stage.rays), 128, 0))
     theirs = stage.scored(scene.image(0, 256, 0))
     assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > 0.95
     assert theirs.mean() == pytest.approx(ours.mean(), rel=0.1)
@@ -67,7 +67,7 @@ def test_gradients_lie_where_ours_do(pair: tuple[ForwardStage, TrackedScene]):
     }
     material, light = type(stage.material)(leaves["albedo"], stage.material.roughness), type(stage.light).of(leaves["light"])
     every = torch.arange(len(stage.gbuffer.pixel))
-    renderer = Renderer(stage.surface, stage.visibility)
+    renderer = Renderer(stage.surface, stage.rays)
     rendered = renderer.render_pixels(stage.gbuffer, every, material, light, 256, torch.Generator().manual_seed(0))
     rendered.radiance.sum().backward()
     for name, leaf in leaves.items():

@@ -11,7 +11,7 @@ import torch
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.methods import check_method
-from ia_bench.checks.stack import painted_ball
+from ia_bench.checks.painted_ball import painted_ball
 from ia_bench.common.errors import InputError
 from ia_bench.methods.contract import Method, Monitor
 from ia_bench.priors.contract import Observations, Prior

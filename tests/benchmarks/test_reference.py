@@ -8,8 +8,7 @@ from benchmarks.reference import TorchRenderer
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer
-from ia_bench.render.indirect import bake_interreflection
-from ia_bench.render.renderer import PixelRadiance, Renderer, TracedShadows
+from ia_bench.render.renderer import PixelRadiance, Renderer
 from ia_bench.render.stage import Stage
 
 CPU = torch.device("cpu")
@@ -20,12 +19,10 @@ def uniform(*shape: int, seed: int) -> torch.Tensor:
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[Stage, GBuffer, Renderer]:
+def scene(own_cache: None) -> tuple[Stage, GBuffer, Renderer]:
     """The inside of a bowl, 2 x 2 points a pixel, with shadows and two bounces."""
     stage = Stage(bowl(), CPU)
-    bounced = bake_interreflection(stage.mesh, stage.surface, stage.rays, 2, tmp_path_factory.mktemp("cache"), atlas_size=32)
-    shadows = TracedShadows(stage.rays, stage.surface.offset)
-    renderer = Renderer(stage.surface, shadows, interreflection=bounced, coat="layered")
+    renderer = stage.renderer(bounces=2, atlas_size=32)
     return stage, stage.gbuffer([camera_at((0.3, 0.2, 4.0), pixels=24, field_of_view=30.0)], 2), renderer
 
 
@@ -56,7 +53,7 @@ def assert_alike(found: torch.Tensor, wanted: torch.Tensor) -> None:
 def test_pixels_and_gradients(scene: tuple[Stage, GBuffer, Renderer], metallic: bool, indirect: bool) -> None:
     _, gbuffer, renderer = scene
     if not indirect:
-        renderer = Renderer(renderer.surface, renderer.visibility, coat="added")
+        renderer = Renderer(renderer.surface, renderer.rays, coat="added")
     results = []
     for one in (renderer, TorchRenderer(renderer)):
         values = leaves()

@@ -35,7 +35,7 @@ def means(images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def truth(stage: ForwardStage) -> tuple[np.ndarray, np.ndarray]:
-    renderer = Renderer(stage.surface, stage.visibility)
+    renderer = Renderer(stage.surface, stage.rays)
     every, images = torch.arange(len(stage.gbuffer.pixel)), torch.zeros(PARTS, *stage.gbuffer.shape[1:], 3)
     for part, image in enumerate(images):
         generator = torch.Generator().manual_seed(part)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shapes import camera_at
 
 from ia_bench.capture.capture import captured, record
 from ia_bench.capture.faults import spread_over_directions
@@ -57,14 +58,8 @@ def test_views_are_nested_and_spread(tiny: Scene) -> None:
 def made_up(values: list[float], mask: float = 1.0, name: str = "0") -> View:
     """A row of grey pixels of these radiances and one coverage."""
     image = np.array(values, np.float32)[None, :, None].repeat(3, -1)
-    camera = replace(TEMPLATE, width=len(values), height=1)
+    camera = replace(camera_at((0.0, 0.0, 3.0)), width=len(values), height=1)
     return View(name, camera, image * np.float32(mask), np.full((1, len(values)), mask, np.float32))
-
-
-@pytest.fixture(autouse=True)
-def _template(tiny: Scene) -> None:
-    global TEMPLATE
-    TEMPLATE = tiny.train[0].camera
 
 
 def test_codes_by_hand() -> None:

@@ -12,8 +12,9 @@ from ia_bench.capture.faults import blurred, misplaced, mistaken_masks, spread_o
 from ia_bench.capture.radiometry import through_jpeg
 from ia_bench.capture.settings import CaptureSettings, FaultSettings
 from ia_bench.common.errors import InputError
+from ia_bench.geometry.consistency import seen_at
 from ia_bench.scenes.color import linear_to_srgb
-from ia_bench.scenes.scene import Camera, Scene
+from ia_bench.scenes.scene import Scene
 
 
 # ---------------------------------------------------------------- faults of a capture
@@ -22,18 +23,11 @@ def take(scene: Scene, faults: dict[str, Any] | None = None, **settings: Any) ->
     return captured(scene, CaptureSettings(faults=FaultSettings(**faults or {}), **settings), lambda line: None)
 
 
-def pixels(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Columns and rows of points, by the inverse of the whole matrix."""
-    local = np.linalg.inv(camera.to_world) @ np.c_[points, np.ones(len(points))].T
-    x, y, z = local[:3]
-    return np.stack([camera.centre[0] - camera.focal[0] * x / z, camera.centre[1] + camera.focal[1] * y / z], -1)
-
-
 def test_poses_move_the_object_by_as_many_pixels(tiny: Scene) -> None:
     points, many = tiny.expect_mesh().vertices, []
     for seed in range(12):
         cameras = misplaced(tiny.train, FaultSettings(poses=0.8, seed=seed))
-        many += [pixels(c, points) - pixels(v.camera, points) for c, v in zip(cameras, tiny.train, strict=True)]
+        many += [seen_at(c, points) - seen_at(v.camera, points) for c, v in zip(cameras, tiny.train, strict=True)]
     assert np.sqrt(np.mean([(apart**2).sum(-1).mean() for apart in many])) == pytest.approx(0.8, rel=0.1)
     assert np.linalg.norm(np.mean(many, axis=(0, 1))) < 0.15  # to no side more than to another
     for camera in cameras:

@@ -35,26 +35,21 @@ def changed(**members: object) -> type[Sound]:
     return type("Changed", (Sound,), members)
 
 
-def declaring(**fields: Any) -> type[Sound]:
-    """A prior like Sound whose info says something else."""
-    return changed(info=replace(Sound.info, **fields))
-
-
-def spoiled(spoil: Callable[..., None]) -> type[Sound]:
-    """A prior whose samples pass through ``spoil(samples, images, masks, seed, guidance)``."""
-
-    def sample(self: Sound, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
-        samples = dict(Sound.sample(self, observations, seed=seed, guidance=guidance).values)
-        spoil(samples, observations.images, observations.masks, seed, guidance)
-        return Samples(samples)
-
-    return changed(sample=sample)
-
-
 def without(name: str) -> type:
     """A class like Sound that lacks one member."""
     members = {key: value for key, value in vars(Sound).items() if key != name and not key.startswith("__")}
     return type("Lacking", (), {**members, "__init__": Sound.__init__})
+
+
+def spoiled(spoil: Callable[..., object], **members: object) -> type[Sound]:
+    """A prior whose samples ``spoil(samples, shown, guidance, prior)`` changes in their dictionary."""
+
+    def sample(self: Sound, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
+        values = dict(Sound.sample(self, observations, seed=seed, guidance=guidance).values)
+        spoil(values, observations, guidance, self)
+        return Samples(values)
+
+    return changed(sample=sample, **members)
 
 
 def edit(**changes: Callable[[Tensor], object]) -> type[Sound]:
@@ -67,54 +62,39 @@ def put(component: str, value: float) -> type[Sound]:
     return edit(**{component: lambda s: s.index_fill(1, torch.tensor(s.shape[1] // 2), value)})
 
 
-def dark_nan(samples: dict, images: Tensor, masks: Tensor, *_: object) -> None:
-    brightest = images.amax((1, 2, 3), keepdim=True)
+def when_guided(change: Callable[[dict, Tensor, Mapping], object]) -> type[Sound]:
+    """Samples that pass through ``change(samples, outside, guidance)`` where there is guidance; ``outside`` is 1 there."""
+    return spoiled(lambda s, shown, guidance, _: guidance and change(s, (shown.masks == 0)[..., None].float(), guidance))
+
+
+def dark_nan(samples: dict, shown: Observations, *_: object) -> None:
+    brightest = shown.images.amax((1, 2, 3), keepdim=True)
     samples["albedo"] = samples["albedo"] * (brightest / brightest)
 
 
-def lonely_nan(samples: dict, images: Tensor, masks: Tensor, *_: object) -> None:
-    if bool((masks.sum((1, 2)) == 0).any()):
+def lonely_nan(samples: dict, shown: Observations, *_: object) -> None:
+    if bool((shown.masks.sum((1, 2)) == 0).any()):
         samples["albedo"] = samples["albedo"] * torch.nan
 
 
-def square_only(samples: dict, images: Tensor, *_: object) -> None:
-    if images.shape[1] != images.shape[2]:
+def square_only(samples: dict, shown: Observations, *_: object) -> None:
+    if shown.images.shape[1] != shown.images.shape[2]:
         raise RuntimeError("mat1 and mat2 shapes cannot be multiplied")
 
 
-def when_guided(change: Callable[[dict, Tensor, Mapping], object]) -> type[Sound]:
-    """Samples that pass through ``change(samples, outside, guidance)`` where there is guidance; ``outside`` is 1 there."""
-
-    def spoil(samples: dict, images: Tensor, masks: Tensor, seed: int, guidance: Mapping | None) -> None:
-        if guidance:
-            change(samples, (masks == 0)[..., None].float(), guidance)
-
-    return spoiled(spoil)
-
-
-def varied(vary: Callable[[Any, Tensor, object], Tensor]) -> type[Sound]:
-    """A prior whose samples pass through ``vary(prior, value, guidance)``."""
-
-    def sample(self: Sound, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
-        samples = Sound.sample(self, observations, seed=seed, guidance=guidance)
-        return replace(samples, values={name: vary(self, value, guidance) for name, value in samples.values.items()})
-
-    return changed(sample=sample, drawn=0, guided=False, factor=0.0)
-
-
-def counting(prior: Any, value: Tensor, guidance: object) -> Tensor:
+def counting(samples: dict, shown: object, guidance: object, prior: Any) -> None:
     prior.drawn += 1
-    return value / prior.drawn
+    samples["albedo"] /= prior.drawn
 
 
-def forgetting(prior: Any, value: Tensor, guidance: object) -> Tensor:
+def forgetting(samples: dict, shown: object, guidance: object, prior: Any) -> None:
     prior.guided |= guidance is not None
-    return 0.9 * value if prior.guided and guidance is None else value
+    samples["albedo"] *= 0.9 if prior.guided and guidance is None else 1
 
 
-def unequal(prior: Any, value: Tensor, guidance: object) -> Tensor:
+def unequal(samples: dict, shown: object, guidance: object, prior: Any) -> None:
     prior.factor = prior.factor or 1 / next(INSTANCES)
-    return prior.factor * value
+    samples["albedo"] *= prior.factor
 
 
 INSTANCES = itertools.count(1)
@@ -125,6 +105,7 @@ class Offering(Sound):
 
     info = replace(Sound.info, wants=frozenset({"visibility"}))
     fingerprint = "offering, version 1"
+    end = 10.0
 
     def open_share(self, visibility: Tensor) -> Tensor:
         return visibility
@@ -133,7 +114,7 @@ class Offering(Sound):
         values = dict(super().sample(observations, seed=seed, guidance=guidance).values)
         if observations.visibility is not None:
             values["albedo"] = values["albedo"] * self.open_share(observations.visibility)
-        return Samples(values, {"specular": 10 * torch.ones(len(observations.images))})
+        return Samples(values, {"specular": torch.full((len(observations.images),), self.end)})
 
     def distill(self, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Samples:
         level = float(torch.rand(1, generator=torch.Generator().manual_seed(seed)))
@@ -172,21 +153,13 @@ def overwrite_renders(self: Offering, observations: Observations, renders: dict,
     return Samples({name: render.mul_(0.5) for name, render in renders.items()})
 
 
-def sample_as(change: Callable[[Samples], Any]) -> type[Sound]:
-    """A prior whose whole answer passes through ``change``."""
-    return changed(sample=lambda self, shown, **how: change(Sound.sample(self, shown, **how)))
-
-
 BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     # what is wrong: a prior that does it, the first line that must fail (later ones may follow from it)
     "no info": (without("info"), "construction"),
     "no sample": (without("sample"), "construction"),
     "sample takes no seed": (changed(sample=lambda self, observations: {}), "a sample"),
     "NaN": (put("specular", torch.nan), "samples"),
-    "above its ceiling": (
-        sample_as(lambda samples: replace(samples, ceilings={"specular": torch.full((3,), 0.01)})),
-        "specular: ceiling",
-    ),
+    "above its ceiling": (offering(end=0.01), "specular: ceiling"),
     "albedo above 1": (put("albedo", 1.1), "albedo: range"),
     "negative light": (edit(specular=lambda s: -s), "specular: range"),
     "not premultiplied": (edit(specular=lambda s: s + 0.1), "specular: premultiplied"),
@@ -194,21 +167,18 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     "NaN in the dark": (spoiled(dark_nan), "all-black images"),
     "NaN for an empty mask": (spoiled(lonely_nan), "a view with an empty mask"),
     "stochastic but is not": (edit(albedo=lambda s: 0 * s, specular=lambda s: 0 * s), "another seed"),
-    "stochastic undeclared": (declaring(stochastic=False), "another seed"),
+    "stochastic undeclared": (changed(info=replace(Sound.info, stochastic=False)), "another seed"),
     "torch's global generator": (spoiled(lambda s, *_: s["specular"].mul_(torch.rand(1))), "same seed again"),
-    "counts its samples": (varied(counting), "same seed again"),
-    "instances differ": (varied(unequal), "same seed, new instance"),
-    "normalised by the batch": (spoiled(lambda s, images, *_: s["specular"].div_(0.1 + images.mean())), "an image on its own"),
+    "counts its samples": (spoiled(counting, drawn=0), "same seed again"),
+    "instances differ": (spoiled(unequal, factor=0.0), "same seed, new instance"),
+    "normalised by the batch": (spoiled(lambda s, shown, *_: s["specular"].div_(0.1 + shown.images.mean())), "an image on its own"),
     "away from the guidance": (when_guided(lambda s, out, g: s["specular"].mul_(2).add_(1 - out)), "guided specular"),
     "guided outside the mask": (when_guided(lambda s, out, g: s["albedo"].add_(0.1 * out)), "guided sample"),
-    "remembers guidance": (varied(forgetting), "guidance = None afterwards"),
-    "guided at strength 0": (
-        when_guided(lambda s, out, g: s.update({n: 0.5 * (s[n] + g[n]) for n in g})),
-        "guidance of strength 0",
-    ),
-    "writes to images": (spoiled(lambda s, images, *_: images.mul_(0.5)), "inputs"),
+    "remembers guidance": (spoiled(forgetting, guided=False), "guidance = None afterwards"),
+    "guided at strength 0": (when_guided(lambda s, out, g: s["albedo"].lerp_(g["albedo"], 0.5)), "guidance of strength 0"),
+    "writes to images": (spoiled(lambda s, shown, *_: shown.images.mul_(0.5)), "inputs"),
     "writes to guidance": (when_guided(lambda s, out, g: g["albedo"].zero_()), "inputs"),
-    "network not counted": (varied(lambda prior, value, guidance: torch.nn.Identity()(value)), "cost: network_calls"),
+    "network not counted": (edit(albedo=torch.nn.Identity()), "cost: network_calls"),
     "distill takes no seed": (offering(distill=lambda self, observations, renders: {}), "distillation"),
     "distills one component": (offering(distill=distill_as(lambda e: {"albedo": e["albedo"]})), "distilled estimates"),
     "distills at random": (offering(distill=distill_as(lambda e: {n: v * torch.rand(1) for n, v in e.items()})), "distilled again"),

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.checks.finding import Finding
-from ia_bench.checks.fit_parts import check_coupling, check_regulariser
+from ia_bench.checks.fit_parts import check_part
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material
@@ -29,12 +29,12 @@ def crosses(findings: Any) -> list[str]:
 
 @pytest.mark.parametrize("name", sorted(set(registry.built_in("coupling")) - {"auto"}))
 def test_couplings_of_the_package_keep_their_contract(name: str, problem: Problem) -> None:
-    assert crosses(check_coupling(lambda: registry.load(registry.find("coupling", name))(), problem)) == []
+    assert crosses(check_part("coupling", lambda: registry.load(registry.find("coupling", name))(), problem)) == []
 
 
 @pytest.mark.parametrize("name", ["context", "parsimony", "symmetry"])
 def test_regularisers_of_the_package_keep_their_contract(name: str, problem: Problem) -> None:
-    assert crosses(check_regulariser(lambda: registry.load(registry.find("regulariser", name))(), problem)) == []
+    assert crosses(check_part("regulariser", lambda: registry.load(registry.find("regulariser", name))(), problem)) == []
 
 
 class Level(Coupling):
@@ -83,34 +83,29 @@ class Counts(Level):
         return {"level": self.steps * super().loss(render, pixels)["level"]}
 
 
+def changed(kind: type, **members: object) -> type:
+    return type("Broken", (kind,), members)
+
+
 @pytest.mark.parametrize(
     ("broken", "cross"),
     [
         (dict, "construction: dict"),
-        (type("B", (Coupling,), {}), "coupling B: prepare(): expected a method of its own, found none"),
-        (
-            type("A", (Level,), {"loss": lambda self, render, pixels: render.albedo.mean()}),
-            "coupling A: loss(): expected a mapping",
-        ),
-        (type("C", (Level,), {"loss": lambda self, render, pixels: {"a": render.albedo.mean() / 0}}), "losses: a inf"),
-        (type("D", (Level,), {"loss": lambda self, render, pixels: {}}), "gradient: none"),
-        (
-            type("E", (Level,), {"uses": lambda self, provides: {"albedo"}}),
-            "uses(): expected a frozenset of some of albedo, specular",
-        ),
-        (type("F", (Level,), {"uses": lambda self, provides: frozenset({"albedo"})}), "uses(): expected an empty frozenset, found"),
+        (changed(Coupling), "coupling Broken: prepare(): expected a method of its own, found none"),
+        (changed(Level, loss=lambda self, render, pixels: 0), "coupling Broken: loss(): expected a mapping"),
+        (changed(Level, loss=lambda self, render, pixels: {"a": render.albedo.mean() / 0}), "losses: a inf"),
+        (changed(Level, loss=lambda self, render, pixels: {}), "gradient: none"),
+        (changed(Level, uses=lambda self, provides: {"albedo"}), "uses(): expected a frozenset of some of albedo, specular"),
+        (changed(Level, uses=lambda self, provides: frozenset({"albedo"})), "uses(): expected an empty frozenset, found"),
         (Counts, "the same generator again: level differ"),
         (Drawn, "the same generator again: drawn differ"),
         (Quotient, "losses: quotient nan"),
-        (
-            type("G", (Level,), {"uses": lambda self, provides: provides}),
-            "a prior of specular alone: PluginError: coupling G raised KeyError",
-        ),
+        (changed(Level, uses=lambda self, it: it), "a prior of specular alone: PluginError: coupling Broken raised KeyError"),
         (Paints, "samples: modified"),
     ],
 )
 def test_what_breaks_the_contract_of_couplings_is_named(broken: type, cross: str, problem: Problem) -> None:
-    assert any(cross in found for found in crosses(check_coupling(broken, problem)))
+    assert any(cross in found for found in crosses(check_part("coupling", broken, problem)))
 
 
 class Darker(Regulariser):
@@ -133,25 +128,31 @@ class Inside(Regulariser):
         return material
 
 
+class Noisy(Darker):
+    """Paints noise of its own, and not of the state's generator."""
+
+    draws = torch.Generator().manual_seed(5)
+
+    def apply(self, material: Material, state: FitState) -> Material:
+        return replace(material, albedo=torch.rand(32, 32, 3, generator=self.draws))
+
+
 @pytest.mark.parametrize(
     ("broken", "cross"),
     [
         (NoCoupling, "construction: NoCoupling"),
-        (type("F", (Regulariser,), {}), "regulariser F: apply(): expected a method of its own, found none"),
+        (changed(Regulariser), "regulariser Broken: apply(): expected a method of its own, found none"),
         (Dims, "the same generator again: albedo differ"),
-        (type("A", (Darker,), {"apply": lambda self, material, state: None}), "apply(): expected a ia_bench.material"),
-        (type("B", (Darker,), {"due": lambda self, step, steps: False}), "when it is due: 0 times in 100 steps"),
-        (type("C", (Darker,), {"apply": lambda self, m, state: replace(m, albedo=m.albedo / 0)}), "albedo: expected finite values"),
-        (type("E", (Darker,), {"apply": lambda self, m, state: replace(m, albedo=torch.rand(32, 32, 3))}), "again: albedo differ"),
+        (changed(Darker, apply=lambda self, material, state: None), "apply(): expected a ia_bench.material"),
+        (changed(Darker, due=lambda self, step, steps: False), "when it is due: 0 times in 100 steps"),
+        (changed(Darker, apply=lambda self, m, state: replace(m, albedo=m.albedo / 0)), "albedo: expected finite values"),
+        (Noisy, "again: albedo differ"),
         (Inside, "the material that it was given: modified"),
     ],
 )
 def test_what_breaks_the_contract_of_regularisers_is_named(broken: type, cross: str, problem: Problem) -> None:
-    assert crosses(check_regulariser(Darker, problem)) == []
-    draws = torch.Generator().manual_seed(5)
-    if broken.__name__ == "E":  # noise of its own, and not of the state's generator
-        broken.apply = lambda self, m, state: replace(m, albedo=torch.rand(32, 32, 3, generator=draws))
-    assert any(cross in found for found in crosses(check_regulariser(broken, problem)))
+    assert crosses(check_part("regulariser", Darker, problem)) == []
+    assert any(cross in found for found in crosses(check_part("regulariser", broken, problem)))
 
 
 def test_one_that_cannot_be_applied_here_is_no_fault(problem: Problem) -> None:
@@ -159,6 +160,6 @@ def test_one_that_cannot_be_applied_here_is_no_fault(problem: Problem) -> None:
         def prepare(self, problem: Problem) -> None:
             raise InputError("expected a scene of glass")
 
-    found = list(check_regulariser(Choosy, problem))
+    found = list(check_part("regulariser", Choosy, problem))
     assert [finding.status for finding in found] == ["pass", "skip"]
     assert "expected a scene of glass" in found[-1].found

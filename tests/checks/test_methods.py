@@ -124,15 +124,10 @@ def test_what_forgets_its_checkpoint_is_found(tiny: Scene) -> None:
     assert failed(findings(Forgetful, tiny)) == ["killed and resumed"]
 
 
-def test_what_does_not_repeat_is_found(tiny: Scene) -> None:
-    random = torch.Generator().manual_seed(7)
-    broken = type("Restless", (Walk,), {"start": lambda self, seed: random, "saves": False})
-    assert failed(findings(broken, tiny)) == ["the same seed again", "the same seed again, with another truth"]
-
-
-def test_what_draws_from_the_generator_of_the_process_is_found(tiny: Scene) -> None:
-    """Its numbers would be those of whatever ran before it, and the same for every seed."""
-    broken = type("Unseeded", (Walk,), {"start": lambda self, seed: torch.default_generator, "saves": False})
+@pytest.mark.parametrize("generator", [torch.Generator().manual_seed(7), torch.default_generator], ids=["own", "of the process"])
+def test_what_does_not_repeat_is_found(generator: torch.Generator, tiny: Scene) -> None:
+    """It goes on where it ended; the numbers of the process's generator would be those of whatever ran before."""
+    broken = type("Restless", (Walk,), {"start": lambda self, seed: generator, "saves": False})
     assert failed(findings(broken, tiny)) == ["the same seed again", "the same seed again, with another truth"]
 
 

@@ -20,6 +20,7 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")  # main sets it; this puts it back afterwards
     monkeypatch.delenv("IA_BENCH_DEBUG", raising=False)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
     monkeypatch.setitem(sys.modules, "ia_bench.runs.run", sys)  # recorded, so that what install() does is undone
     monkeypatch.setattr(sys, "argv", ["ia_bench"])
     spec = importlib.util.spec_from_file_location("fake_run", HERE / "fake_run" / "sitecustomize.py")

@@ -23,11 +23,13 @@ from ia_bench.scenes.exr import rgbe
 from ia_bench.scenes.scene import Scene, View
 
 
-@pytest.mark.parametrize("name", FORMATS)
-def test_a_capture_is_written_and_read_back_by_the_printed_command(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_capture_is_written_and_read_back_by_the_printed_command(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", "tiny", "its (ü) folder", "--format", name, "capture.views=8"]) == 0
     command = shlex.split(capsys.readouterr().out.splitlines()[-1])
     assert command[:2] == ["ia-bench", "check"]
@@ -44,19 +46,16 @@ def test_a_capture_is_written_and_read_back_by_the_printed_command(
     assert name in EXAMPLES
 
 
-def test_a_capture_without_a_mesh_is_written_without_one(
-    tiny: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_capture_without_a_mesh_is_written_without_one(tiny: Scene, capsys: pytest.CaptureFixture[str]) -> None:
     theirs = "theirs, (ü) #1"
-    write_blender(tmp_path / theirs, replace(tiny, mesh=None))
-    (tmp_path / "out").mkdir()
+    write_blender(Path(theirs), replace(tiny, mesh=None))
+    Path("out").mkdir()
     assert main(["export", theirs, "out", "--format", "llff", "reader=nerfstudio", "capture.radiometry=ldr"]) == 0
-    assert not (tmp_path / "out" / "mesh.obj").exists()
+    assert not Path("out", "mesh.obj").exists()
     for out, says in (("half", "expected a mesh, found none"), (f"{theirs}/out", "expected a place outside of the scene's folder")):
         assert main(["export", theirs, out, "--format", "neilf", "reader=nerfstudio"]) == 2
         assert says in capsys.readouterr().err.splitlines()[-1]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", theirs]
+    assert sorted(path.name for path in Path().iterdir()) == ["out", theirs]
 
 
 @pytest.mark.parametrize(
@@ -71,15 +70,12 @@ def test_a_capture_without_a_mesh_is_written_without_one(
         (["tiny", "out", "--format", "dtu", "capture.views=80"], "capture.views=80"),
     ],
 )
-def test_a_mistake_is_one_line(
-    arguments: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "file").write_text("")
+def test_a_mistake_is_one_line(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("full").mkdir()
+    Path("full", "file").write_text("")
     assert main(["export", *arguments]) == 2
     assert says in capsys.readouterr().err.splitlines()[-1]
-    assert not (tmp_path / "out").exists()
+    assert not Path("out").exists()
 
 
 # ---------------------------------------------------------------- what a format cannot hold

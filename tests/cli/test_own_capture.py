@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from coarse import COARSE
 from PIL import Image
 from spoils import Spoil, edited
 
@@ -65,12 +66,6 @@ def test_a_scene_without_a_part_still_runs(
     assert told == lacking - UNTOLD
 
 
-SMALL = [
-    "preset=smoke", "capture.sdf.cells=48", "capture.sdf.steps=20", "capture.triangles=2000", "protocol.map_points=2",
-    "protocol.render_points=2",
-]  # fmt: skip
-
-
 def write_capture(folder: Path, scene: Scene) -> None:
     """transforms.json, images/*.jpg of one exposure, masks/*.png: no mesh, and nothing is held out."""
     train, test = (tuple(replace(view, image=0.75 * view.image) for view in views) for views in (scene.train, scene.test))
@@ -88,19 +83,15 @@ def write_capture(folder: Path, scene: Scene) -> None:
     edited("transforms.json", change)(folder)
 
 
-def command(module: str, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, "-m", module, "reader=nerfstudio", f"scene.path={folder}", *words]
-    return subprocess.run(line, capture_output=True, text=True, cwd=folder.parent, timeout=1200, check=False, env=os.environ | {
-        "OMP_NUM_THREADS": "1", "IA_BENCH_CACHE": str(folder.parent / "cache"),
-    })  # fmt: skip
-
-
 @pytest.mark.slow
 def test_a_folder_of_photographs_gives_an_asset_a_light_and_scores(tiny: Scene, tmp_path: Path) -> None:
     folder, out = tmp_path / "mine", tmp_path / "run"
     write_capture(folder, tiny)
-    words = ["capture.geometry=sdf", "prior=combined", "threads=1", f"out={out}", *SMALL]
-    done = command("ia_bench", folder, *words)
+    small = ["preset=smoke", "capture.sdf.cells=48", "capture.sdf.steps=20", "capture.triangles=2000", *COARSE[:2]]
+    words = ["reader=nerfstudio", f"scene.path={folder}", "capture.geometry=sdf", "prior=combined", "threads=1", f"out={out}"]
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "IA_BENCH_CACHE": str(tmp_path / "cache")}
+    command = [sys.executable, "-m", "ia_bench", *words, *small]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=1200, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     found = json.loads((out / "metrics.json").read_text())
     assert (found["capture"]["views"], found["capture"]["geometry"]) == (17, "sdf")  # of 20, every 8th is held out

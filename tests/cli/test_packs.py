@@ -208,21 +208,13 @@ def test_a_board_has_rows_by_who_brought_them_and_marks_what_is_verified(
     assert main(["verify", str(pack), "--out", str(tmp_path / "result.json")]) == 0
     damaged = spoiled(pack, tmp_path / "damaged.zip", changed("metrics.json", better))
     (tmp_path / "more" / "unread.zip").mkdir(parents=True)
-    given = [
-        str(pack),
-        str(other),
-        damaged,
-        str(tmp_path / "more"),
-        "--out",
-        str(tmp_path / "board"),
-        "--verified",
-        str(tmp_path / "result.json"),
-    ]
+    given = map(str, [pack, other, damaged, tmp_path / "more"])
+    options = ["--out", str(tmp_path / "board"), "--verified", str(tmp_path / "result.json")]
     kept = [tmp_path / "board" / "packs" / name for name in ("mine.zip", "mine/notes.txt")]  # the folder may be somebody's
     for path in kept:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("of mine")
-    assert main(["board", *given]) == 1  # packs were left out
+    assert main(["board", *given, *options]) == 1  # packs were left out
     told = capsys.readouterr()
     assert "unread.zip: expected a pack, found none that can be read; the pack is left out" in told.err
     assert "damaged.zip: runs/tiny/none" in told.err

@@ -78,7 +78,7 @@ def test_an_asset_is_rescored_on_its_own_mesh(run: Path, tmp_path: Path) -> None
     options = ["--up", "z", "--light", str(run / "light.exr"), "--scene", "tiny", "--out", str(tmp_path / "run")]
     assert main([str(tmp_path / "larger.obj"), *options, *SMALL]) == 0
     before = json.loads((tmp_path / "run" / "metrics.json").read_text())
-    again = Rescorer(compose(["scene=tiny", *SMALL]).protocol, tmp_path).rescore(tmp_path / "run")
+    again = Rescorer().rescore(tmp_path / "run", compose(["scene=tiny", *SMALL]).protocol, tmp_path)
     after = json.loads((again / "metrics.json").read_text())
     assert before["metrics"]["roughness"]["mse"] is after["metrics"]["roughness"]["mse"] is None
     assert before["geometry"]["chamfer"] > 0.002

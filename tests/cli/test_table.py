@@ -33,9 +33,18 @@ SHIPPED = ("hat", "ship", "console", "figurine", "tiny")
 pytestmark = pytest.mark.usefixtures("workplace")
 
 
-def cells_of(table: Table, **request) -> list[module.Cell]:
-    overrides = ("device=cpu", *request.pop("overrides", ()))
-    return make_cells(table, TableRequest(overrides=overrides, **request), 1, Path("results/paper"))
+def cells_of(table: Table, broken=None, **request) -> list[module.Cell]:
+    return make_cells(table, TableRequest(overrides=("device=cpu",), **request), 1, Path("results/paper"), broken)
+
+
+def hat_with(row: str, override: str) -> list[module.Cell]:
+    """The cells of this row, and of one that is good."""
+    return cells_of(Table(scenes=["hat"], rows=[Row(row, [override]), Row("good", ["prior=none"])]))
+
+
+def failures(cells: list[module.Cell]) -> int:
+    with Progress() as progress:
+        return run_cells(cells, Local(attempts=1), 1, progress)
 
 
 @pytest.mark.parametrize("path", sorted(conf_folder().glob("table/*.yaml")), ids=lambda path: path.stem)
@@ -56,19 +65,18 @@ def test_shipped_table_is_well_formed(path: Path) -> None:
 def test_a_row_whose_plugin_is_broken_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = [Row("fine", ["prior=none"]), Row("broken", ["method=json:loads"])]
     told: list[str] = []
-    request = TableRequest(overrides=("device=cpu",))
-    cells = make_cells(Table(scenes=["hat"], rows=rows), request, 1, Path("results/paper"), told.append)
-    assert [cell.row.name for cell in cells] == ["fine"]
+    cells = cells_of(Table(scenes=["hat"], rows=rows), told.append)
+    assert [cell.row for cell in cells] == ["fine"]
     (line,) = told
     assert line.startswith("broken: left out: method 'json:loads'")
     assert "\n" not in line
     with pytest.raises(InputError, match="cannot be used"):
-        make_cells(Table(scenes=["hat"], rows=rows), request, 1, Path("results/paper"))
+        cells_of(Table(scenes=["hat"], rows=rows))
 
 
 def test_a_cell_is_the_run_that_its_command_line_makes() -> None:
     cells = cells_of(load_table("ablations"), scenes=("ship",), seeds=(3,))
-    (cell,) = [one for one in cells if one.row.name == "diffusion, targets w/o guided"]
+    (cell,) = [one for one in cells if one.row == "diffusion, targets w/o guided"]
     again = compose(cell.config.command)
     assert again == cell.config
     assert (again.seed, again.scene.name, again.threads) == (3, "ship", 1)
@@ -134,13 +142,12 @@ def test_threads_share_the_cores_and_depend_on_the_machine_alone(monkeypatch: py
 
 
 def test_a_cell_whose_record_is_damaged_fails_alone_and_keeps_it(capfd: pytest.CaptureFixture[str]) -> None:
-    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=[Row("torn", ["method=ceiling"]), Row("good", ["prior=none"])]))
+    cells = hat_with("torn", "method=ceiling")
     record = cells[0].folder / "metrics.json"
     record.parent.mkdir(parents=True)
     record.write_text('{"status": "ok"}')
     for _ in range(2):  # with something left to do, and without
-        with Progress() as progress:
-            assert run_cells(cells, Local(), 1, Path("results/paper/logs"), progress) == 1
+        assert failures(cells) == 1
         said = capfd.readouterr().err
         assert f"hat / torn / seed 0: FAILED ({record}: " in said
     assert record.read_text() == '{"status": "ok"}'
@@ -149,16 +156,14 @@ def test_a_cell_whose_record_is_damaged_fails_alone_and_keeps_it(capfd: pytest.C
 
 @pytest.mark.slow
 def test_a_cell_whose_files_are_damaged_runs_again() -> None:
-    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=[Row("torn", ["method=ceiling"]), Row("good", ["prior=none"])]))
+    cells = hat_with("torn", "method=ceiling")
     for _ in range(2):
-        with Progress() as progress:
-            assert run_cells(cells, Local(), 1, Path("results/paper/logs"), progress) == 0
+        assert failures(cells) == 0
         assert len(started()) == 2, "what has finished is not run again"
     curve = cells[0].folder / "curve.csv"
     whole = curve.read_bytes()
     curve.write_bytes(whole[:-3])
-    with Progress() as progress:
-        assert run_cells(cells, Local(), 1, Path("results/paper/logs"), progress) == 0
+    assert failures(cells) == 0
     assert sorted(started()) == ["hat good 0", "hat torn 0", "hat torn 0"]
     assert curve.read_bytes() == whole
 
@@ -170,9 +175,8 @@ def test_a_cell_that_cannot_write_why_it_failed_fails_alone(
         raise Fault("metrics.json: No space left on device")
 
     monkeypatch.setattr(RunFolder, "write_failure", full)
-    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=[Row("crash", ["prior=oracle"]), Row("good", ["prior=none"])]))
-    with Progress() as progress:
-        assert run_cells(cells, Local(attempts=1), 1, Path("results/paper/logs"), progress) == 1
+    cells = hat_with("crash", "prior=oracle")
+    assert failures(cells) == 1
     said = capfd.readouterr().err
     assert "hat / crash / seed 0: FAILED (metrics.json: No space left on device)" in said
     assert "hat / good / seed 0: ok" in said

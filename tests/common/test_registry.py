@@ -23,10 +23,6 @@ class Good(Sampler):
     def __init__(self, strength=1.0):
         self.strength = strength
 
-class Needy(Sampler):
-    def __init__(self, checkpoint, size=3):
-        pass
-
 class Typed(Sampler):
     def __init__(
         self,
@@ -50,7 +46,6 @@ class Unresolved(Sampler):
 ENTRY_POINTS = """
 [ia_bench.priors]
 good = third_good:Good
-needy = third_good:Needy
 broken = third_broken:Thing
 leaving = third_leaving:Thing
 absent = third_nowhere:Thing
@@ -85,7 +80,7 @@ def of_third(plugins: dict[str, registry.Plugin]) -> set[str]:
 def test_listing_imports_nothing() -> None:
     before = set(sys.modules)  # of other tests' plugins too
     names = registry.installed("prior")
-    assert of_third(names) == {"good", "needy", "broken", "leaving", "absent", "nameless"}
+    assert of_third(names) == {"good", "broken", "leaving", "absent", "nameless"}
     assert names["good"] == registry.Plugin("prior", "good", "third_good:Good", "third 1.2")
     assert of_third(registry.installed("reader")) == {"blender"}
     assert not [name for name in set(sys.modules) - before if name.startswith("third_")]

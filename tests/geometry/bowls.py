@@ -1,6 +1,7 @@
 """Photographs of shapes that are known in closed form: balls, and a textured bowl, half of a thick shell, hollow from above."""
 
 import numpy as np
+import shapes
 
 from ia_bench.render.gbuffer import primary_rays
 from ia_bench.scenes.scene import Camera, View
@@ -64,12 +65,7 @@ def bowl_views(count: int, side: int, fineness: float = 9.0) -> list[View]:
 # ---------------------------------------------------------------- balls, from cameras all around
 def camera_at(position: np.ndarray, side: int = 48, width: float = 1.2) -> Camera:
     """A camera that looks at the origin; ``width`` focal lengths fill the image."""
-    back = position / np.linalg.norm(position)
-    right = np.cross([0.0, 0.0, 1.0] if abs(back[2]) < 0.9 else [0.0, 1.0, 0.0], back)
-    right /= np.linalg.norm(right)
-    to_world = np.eye(4)
-    to_world[:3] = np.column_stack([right, np.cross(back, right), back, position])
-    return Camera(to_world, (side * width, side * width), (side / 2, side / 2), side, side)
+    return shapes.camera_at(position, pixels=side, field_of_view=np.degrees(2 * np.arctan(0.5 / width)))
 
 
 def directions(count: int) -> np.ndarray:

@@ -5,7 +5,6 @@ What the renderer's kernels compute is called as they have it (``kernel_calls``)
 
 import itertools
 import math
-from collections.abc import Callable
 
 import kernel_calls
 import numpy as np
@@ -21,63 +20,32 @@ pytestmark = pytest.mark.verify
 
 
 # ---------------------------------------------------------------- sampling
-def one_bright() -> torch.Tensor:
-    radiance = torch.full((16, 32, 3), 0.1)
-    radiance[5, 20] = 5000.0
+def lit(dark: float, *bright: tuple[object, float]) -> torch.Tensor:
+    """A map of 16 x 32 texels, all of them ``dark`` but for some places."""
+    radiance = torch.full((16, 32, 3), dark)
+    for where, value in bright:
+        radiance[where] = value
     return radiance
 
 
-def bright_pole() -> torch.Tensor:
-    radiance = torch.full((16, 32, 3), 0.05)
-    radiance[0] = 30.0
-    return radiance
+RANDOM = torch.rand(9, 14, 3, generator=torch.Generator().manual_seed(1)) ** 6
+HOLES = torch.rand(9, 14, 1, generator=torch.Generator().manual_seed(2)) < 0.5
+HOLES[0, 0] = HOLES[-1, -1] = True
 
-
-def bright_seam() -> torch.Tensor:
-    """Light on both sides of the azimuth seam, more on one."""
-    radiance = torch.full((16, 32, 3), 0.05)
-    radiance[7:10, 0], radiance[7:10, -1] = 200.0, 50.0
-    return radiance
-
-
-def pole_texel() -> torch.Tensor:
-    radiance = torch.full((16, 32, 3), 0.1)
-    radiance[0, 17] = 1e6
-    return radiance
-
-
-def seam_texels() -> torch.Tensor:
-    radiance = torch.full((16, 32, 3), 0.1)
-    radiance[8, 0] = radiance[8, -1] = 1e4
-    return radiance
-
-
-def random_map() -> torch.Tensor:
-    return torch.rand(9, 14, 3, generator=torch.Generator().manual_seed(1)) ** 6
-
-
-def holes() -> torch.Tensor:
-    """A random map with black texels, the first and the last among them."""
-    radiance = random_map()
-    radiance[torch.rand(9, 14, generator=torch.Generator().manual_seed(2)) < 0.5] = 0
-    radiance[0, 0] = radiance[-1, -1] = 0
-    return radiance
-
-
-MAPS: dict[str, Callable[[], torch.Tensor]] = {
-    "one bright texel among dark": one_bright,
-    "black": lambda: torch.zeros(8, 16, 3),
-    "random": random_map,
-    "with black texels": holes,
-    "bright pole row": bright_pole,
-    "bright seam": bright_seam,
-    "one texel of 1e6 at the pole": pole_texel,
-    "two texels of 1e4 at the seam": seam_texels,
-    "radiance 1e-30": lambda: torch.full((16, 32, 3), 1e-30),
-    "radiance 1e30": lambda: torch.full((16, 32, 3), 1e30),
-    "1 x 2": lambda: torch.tensor([[[1.0, 2.0, 3.0], [0.5, 0.5, 0.5]]]),
-    "1 x 1": lambda: torch.ones(1, 1, 3),
-    "one channel only": lambda: random_map() * torch.tensor([0.0, 1.0, 0.0]),
+MAPS = {
+    "one bright texel among dark": lit(0.1, ((5, 20), 5000.0)),
+    "black": torch.zeros(8, 16, 3),
+    "random": RANDOM,
+    "with black texels": RANDOM * ~HOLES,
+    "bright pole row": lit(0.05, (0, 30.0)),
+    "bright seam": lit(0.05, (np.s_[7:10, 0], 200.0), (np.s_[7:10, -1], 50.0)),  # more on one side
+    "one texel of 1e6 at the pole": lit(0.1, ((0, 17), 1e6)),
+    "two texels of 1e4 at the seam": lit(0.1, ((8, 0), 1e4), ((8, -1), 1e4)),
+    "radiance 1e-30": lit(1e-30),
+    "radiance 1e30": lit(1e30),
+    "1 x 2": torch.tensor([[[1.0, 2.0, 3.0], [0.5, 0.5, 0.5]]]),
+    "1 x 1": torch.ones(1, 1, 3),
+    "one channel only": RANDOM * torch.tensor([0.0, 1.0, 0.0]),
 }
 
 
@@ -117,7 +85,7 @@ def test_cells_of_normals_are_as_small_as_the_margin_assumes() -> None:
 @pytest.mark.parametrize("name", MAPS)
 def test_texels_are_drawn_by_their_density(name: str, uniform_fraction: float) -> None:
     """Chi-square over all texels for five normals, 100 000 draws each; false alarms in chi_square.py."""
-    radiance = MAPS[name]()
+    radiance = MAPS[name]
     height, width, _ = radiance.shape
     sampler = LatLongSampler.build(radiance, uniform_fraction=uniform_fraction)
     for seed, normal in enumerate(NORMALS):
@@ -130,7 +98,7 @@ def test_texels_are_drawn_by_their_density(name: str, uniform_fraction: float) -
 @pytest.mark.parametrize("name", MAPS)
 def test_density_is_proportional_to_radiance(name: str) -> None:
     """Over a constant map the density is the bound of the cosine alone; what remains is the mean of the channels."""
-    radiance = MAPS[name]()
+    radiance = MAPS[name]
     height, width, _ = radiance.shape
     brightness = radiance.double().mean(-1).flatten().numpy()
     for normal in NORMALS:
@@ -186,7 +154,7 @@ def test_directions_follow_the_density_within_texels_too(name: str) -> None:
     For a normal toward the azimuth seam; false alarms in chi_square.py.
     """
     normal = NORMALS[4]
-    radiance = MAPS[name]()
+    radiance = MAPS[name]
     height, width, _ = radiance.shape
     sampler = LatLongSampler.build(radiance)
     rng = torch.Generator().manual_seed(4)

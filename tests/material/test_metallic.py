@@ -6,7 +6,7 @@ import torch
 
 from benchmarks.reference import shade_directions
 from ia_bench.light.latlong import texel_centres
-from ia_bench.material.brdf import F0
+from ia_bench.material.brdf import F0, normalize
 from ia_bench.material.textures import Material
 from ia_bench.render.estimator import shade_samples
 from ia_bench.render.gbuffer import SurfacePoints
@@ -14,19 +14,13 @@ from ia_bench.render.gbuffer import SurfacePoints
 pytestmark = pytest.mark.verify
 
 
-def vectors(count: int) -> tuple[torch.Tensor, ...]:
-    generator = torch.Generator().manual_seed(3)
-    drawn = torch.randn(3, count, 3, generator=generator, dtype=torch.float64)
-    normal, view, incident = torch.nn.functional.normalize(drawn, dim=-1)
-    view, incident = (torch.nn.functional.normalize(v + 1.2 * normal, dim=-1) for v in (view, incident))
-    return normal, view, incident, 0.1 + 0.8 * torch.rand(count, 1, generator=generator, dtype=torch.float64)
-
-
 def shaded(
     albedo: torch.Tensor, roughness: torch.Tensor, radiance: torch.Tensor, metallic: torch.Tensor | None
 ) -> tuple[torch.Tensor, ...]:
     """Every texel of a light as one sample of 5 points, weighted evenly: by the kernels in float32, by torch in float64."""
-    normal, view, _, _ = vectors(5)
+    drawn = torch.randn(2, 5, 3, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    normal, view = normalize(drawn)
+    view = normalize(view + 1.2 * normal)
     height, width = 6, 12
     uv = torch.rand(5, 2, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
     direction = texel_centres(height, width).double().reshape(1, -1, 3).expand(5, -1, -1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from torch import Tensor
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Coupling, Monitor, Problem
 from ia_bench.methods.couplings.targets import Targets
+from ia_bench.methods.photographs import restrict
 from ia_bench.methods.plan import Plan, make_plan
 from ia_bench.methods.two_stage.losses import Losses
 from ia_bench.methods.two_stage.method import TwoStage
@@ -21,7 +23,7 @@ from ia_bench.methods.two_stage.prior import PriorLoss
 from ia_bench.methods.two_stage.settings import FitSettings, MultigridRates
 from ia_bench.priors.contract import NoPrior, Prior
 from ia_bench.priors.oracle import OraclePrior
-from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
+from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
@@ -41,7 +43,6 @@ RENDER = RenderSettings(
 )
 TEXELS_ALONE = MultigridRates(albedo=0.0, roughness=0.0, metallic=0.0, light=0.0)
 SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=256)
-OF_THE_PRIOR = ("prior",)
 
 
 def make_problem(scene: Scene) -> Problem:
@@ -66,11 +67,17 @@ def oracle(scene: Scene, **dials: Any) -> ToldPrior:
 
 def altered(problem: Problem, **parts: Any) -> Problem:
     """The same problem with some attributes replaced, those that it makes on demand as well; all others stay as they are."""
-    made = ("stage", "plan", "gbuffer", "renderer", *OF_THE_PRIOR)
-    changed = replace(problem, **{name: part for name, part in parts.items() if name not in made})
-    kept = {name: getattr(problem, name) for name in made if name not in OF_THE_PRIOR}
-    vars(changed).update(kept | {name: part for name, part in parts.items() if name in made})
+    kept = {name: getattr(problem, name) for name in ("stage", "plan", "gbuffer", "renderer")}
+    made = {name: parts.pop(name) for name in (*kept, "photographs", "prior") if name in parts}
+    changed = replace(problem, **parts)
+    vars(changed).update(kept | made)
     return changed
+
+
+def first_two(problem: Problem) -> Problem:
+    """The problem of its first two photographs."""
+    scene = replace(problem.scene, train=problem.scene.train[:2])
+    return altered(problem, scene=scene, gbuffer=restrict(problem.gbuffer, (0, 1))[0])
 
 
 def coupled(problem: Problem, coupling: Coupling, **parts: Any) -> Problem:
@@ -84,49 +91,56 @@ def regularised(settings: FitSettings, **options: dict[str, Any]) -> FitSettings
 
 def of_two_views(problem: Problem, **options: dict[str, Any]) -> Found:
     """What a short fit without a prior finds from the first two photographs, with regularisers."""
-    few = altered(problem, scene=replace(problem.scene, train=problem.scene.train[:2]))
-    vars(few).pop("gbuffer")
-    return fit(few, NoPrior(), regularised(replace(SETTINGS, stage1_steps=8, stage2_steps=4), **options), Record())
+    return fit(first_two(problem), NoPrior(), regularised(replace(SETTINGS, stage1_steps=8, stage2_steps=4), **options), Record())
+
+
+class Stopped(BaseException):
+    """The end of the process."""
+
+
+def stored(state: object) -> bytes:
+    """A state as a file would keep it."""
+    file = io.BytesIO()
+    torch.save(state, file)
+    return file.getvalue()
+
+
+def loaded(state: bytes) -> Any:
+    return torch.load(io.BytesIO(state), weights_only=True)
 
 
 @dataclass
 class Record:
-    """A monitor's memory: notes, scores as (stage, step, seconds), and every state by step, as a file would keep it."""
+    """A monitor's memory: notes, scores as (phase, step, seconds), losses, and every state by the steps that were done."""
 
     notes: list[str] = field(default_factory=list)
     scores: list[tuple[str, int, float]] = field(default_factory=list)
     states: dict[int, bytes] = field(default_factory=dict)
     losses: list[float] = field(default_factory=list)
+    bars: list[str] = field(default_factory=list)
     every: float = 1e9  # seconds between two states
-    stage1_steps: int = 0  # of the fit that writes here
+    stop: int = -1  # steps after which the process is told to end
 
     def monitor(self, resume: bytes | None = None) -> Monitor:
         """A monitor that writes here and hands out the state ``resume``."""
 
+        def task(name: str, steps: int, done: int) -> Any:
+            self.bars.append(name)
+            return SimpleNamespace(advance=lambda amount=1, **values: self.losses.extend(values.values()))
+
         def save(state: dict[str, Any]) -> None:
-            file = io.BytesIO()
-            torch.save(state, file)
-            self.states[state["step"] + state["phase"] * self.stage1_steps] = file.getvalue()
-
-        def load() -> dict[str, Any] | None:
-            return None if resume is None else torch.load(io.BytesIO(resume), weights_only=True)
-
-        def score(stage: str, step: int, seconds: float, reconstruction: Reconstruction) -> None:
-            self.scores.append((stage, step, seconds))
-
-        record = self
-
-        class ProgressBar:
-            def advance(self, amount: int = 1, **values: Any) -> None:
-                record.losses += [values["loss"]] if "loss" in values else []  # which the prior's turn has not
+            self.states[len(self.losses)] = stored(state)
+            if len(self.losses) == self.stop:
+                raise Stopped
 
         return Monitor(
-            lambda name, total, done: ProgressBar(),
+            task,
             self.notes.append,
-            score,
+            lambda phase, step, seconds, recovered: self.scores.append((phase, step, seconds)),
             save,
-            load,
-            checkpoint_seconds=self.every,
+            lambda: None if resume is None else loaded(resume),
+            lambda: len(self.losses) == self.stop,
+            self.every,
         )
 
 
@@ -142,7 +156,7 @@ class Found:
 
 
 def fit(problem: Problem, prior: Prior, settings: FitSettings, record: Record, seed: int = 0, **resume: bytes) -> Found:
-    asked, record.stage1_steps = altered(problem, make_prior=lambda _: prior), settings.stage1_steps
+    asked = altered(problem, make_prior=lambda _: prior)
     result = TwoStage(settings).fit(asked, seed=seed, monitor=record.monitor(**resume))
     found = result.reconstruction
     assert isinstance(found, TexturedReconstruction)

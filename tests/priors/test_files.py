@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-from spoils import wrote
+from spoils import Spoil, wrote
 
 from ia_bench.cli.main import main
 from ia_bench.common.errors import InputError
@@ -175,46 +175,28 @@ def picture(values: np.ndarray, name: str = "a.npy") -> Callable[[Path], None]:
     return spoil
 
 
-def hole(folder: Path) -> None:
-    values = colours()
-    values[5, 5, 1] = np.nan
-    picture(values)(folder)
+def about(**said: object) -> Spoil:
+    return wrote("predictions.json", said)
 
 
 MISTAKES = {
     "nothing there": (lambda f: shutil.rmtree(f / "albedo"), {}, r"expected predictions as albedo/VIEW\.png .*, found none"),
     "a view is missing": (lambda f: (f / "albedo/b.png").rename(f / "albedo/c.png"), {}, r"none of 1 of 2: b \(and a\.png among"),
-    "encoding not said": (
-        None,
-        {"encoding": None},
-        r"predictions\.json: albedo\.encoding: expected linear or srgb, .* found nothing",
-    ),
+    "encoding not said": (None, {"encoding": None}, r"predictions\.json: albedo\.encoding: expected linear or srgb, .* nothing"),
     "alpha not said": (None, {"alpha": None}, r"albedo\.alpha: expected straight or premultiplied, .* found nothing"),
-    "unknown encoding": (wrote("predictions.json", {"albedo": {"encoding": "gamma"}}), {}, r"albedo\.encoding.* 'gamma'"),
-    "unknown key": (wrote("predictions.json", {"albdo": {}}), {}, r"predictions\.json: .*albdo"),
-    "a box of two": (wrote("predictions.json", {"views": {"a": {"box": [1, 2]}}}), {}, r"views\.a\.box"),
-    "no exposure": (
-        wrote("predictions.json", {"views": {"a": {"exposure": 0}}}),
-        {},
-        r"views\.a\.exposure: expected 1e-06 or more",
-    ),
-    "another capture": (
-        wrote("predictions.json", {"views": {"a": {"size": [64, 64]}}}),
-        {},
-        "view a with 64 x 64 pixels, found 20 x 12",
-    ),
+    "unknown encoding": (about(albedo={"encoding": "gamma"}), {}, r"albedo\.encoding.* 'gamma'"),
+    "unknown key": (about(albdo={}), {}, r"predictions\.json: .*albdo"),
+    "a box of two": (about(views={"a": {"box": [1, 2]}}), {}, r"views\.a\.box"),
+    "no exposure": (about(views={"a": {"exposure": 0}}), {}, r"views\.a\.exposure: expected 1e-06 or more"),
+    "another capture": (about(views={"a": {"size": [64, 64]}}), {}, "view a with 64 x 64 pixels, found 20 x 12"),
     "no JSON": (wrote("predictions.json", "{"), {}, "not valid JSON"),
     "another aspect": (picture(colours(12, 12)), {}, r"a\.npy: expected the aspect of .* view a, 20 x 12 pixels, found 12 x 12"),
-    "not finite": (hole, {}, r"a\.npy: expected finite numbers, found NaN"),
+    "not finite": (picture(np.nan * colours()), {}, r"a\.npy: expected finite numbers, found NaN"),
     "grey": (picture(colours()[..., 0], "a.png"), {}, r"a\.png: expected red, green and blue, found a picture in grey \(L\)"),
     "one channel": (picture(colours()[..., :1]), {}, r"a\.npy: expected \(height, width, 3\) values, .* \(12, 20, 1\)"),
     "0 to 255": (picture(200 * colours()), {}, r"a\.npy: expected albedo, which is srgb, in values from 0 to 1, found"),
     "-1 to 1": (picture(2 * colours() - 1), {}, r"in values from 0 to 1, found -0\.\d+ to"),
-    "no object in alpha": (
-        picture(np.dstack([colours(), MASK < 0.5])),
-        {},
-        r"expected the object of view a, found \d+% of it covered",
-    ),
+    "no object in alpha": (picture(np.dstack([colours(), MASK < 0.5])), {}, r"the object of view a, found \d+% of it covered"),
     "two formats": (lambda f: save(f / "albedo/a.exr", colours()), {}, r"expected one picture, found a\.png and a\.exr"),
     "no star": (None, {"albedo": "albedo/a.png"}, r"expected where files lie below .*, found 'albedo/a\.png'"),
     "elsewhere": (None, {"albedo": "../*"}, r"expected where files lie below .*, found '\.\./\*'"),

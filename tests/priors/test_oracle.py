@@ -5,6 +5,7 @@ Random dials are judged over many views, with tolerances of about four standard 
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,52 +18,38 @@ from ia_bench.priors.oracle import OraclePrior
 from ia_bench.runs.scene import ToldPrior
 from ia_bench.scenes.scene import Camera, View
 
-CAMERA = Camera(np.eye(4), (20.0, 20.0), (8.0, 6.0), 16, 12)
 HEIGHT, WIDTH = 12, 16
 
 
-def views_of(count: int, *, height: int = HEIGHT, width: int = WIDTH, seed: int = 0) -> tuple[View, ...]:
-    """Random pictures with a soft-edged disc as coverage; albedo stays within [0.2, 0.6]."""
-    random = np.random.default_rng(seed)
+def pictures(count: int, *, height: int = HEIGHT, width: int = WIDTH) -> Observations:
+    """Random ones with a soft-edged disc as coverage; albedo stays within [0.2, 0.6]."""
+    random = np.random.default_rng(0)
     row, column = np.mgrid[:height, :width]
-    mask = np.clip(0.42 * min(height, width) + 0.5 - np.hypot(row - height / 2, column - width / 2), 0, 1)
-    mask = mask.astype(np.float32)
-
-    def picture(low: float, high: float) -> np.ndarray:
-        return (mask[..., None] * random.uniform(low, high, (height, width, 3))).astype(np.float32)
-
-    return tuple(
-        View(f"{i}", CAMERA, picture(0.1, 2.0), mask, albedo=picture(0.2, 0.6), specular=picture(0.0, 3.0)) for i in range(count)
-    )
+    mask = np.clip(0.42 * min(height, width) + 0.5 - np.hypot(row - height / 2, column - width / 2), 0, 1).astype(np.float32)
+    ranges = (0.1, 2.0), (0.2, 0.6), (0.0, 3.0)
+    drawn = [[random.uniform(*ends, (height, width, 3)) for ends in ranges] for _ in range(count)]
+    images, albedo, specular = torch.from_numpy((mask[..., None] * np.array(drawn)).astype(np.float32)).unbind(1)
+    return Observations(images, torch.from_numpy(mask).repeat(count, 1, 1), truth={"albedo": albedo, "specular": specular})
 
 
-def tensors(views: tuple[View, ...]) -> tuple[Tensor, Tensor]:
-    return torch.from_numpy(np.stack([v.image for v in views])), torch.from_numpy(np.stack([v.mask for v in views]))
+def draw(prior: OraclePrior, known: Observations, seed: int = 0, **guidance: Tensor) -> Mapping[str, Tensor]:
+    return prior.sample(known, seed=seed, guidance=guidance or None).values
 
 
-def told(prior: OraclePrior, views: tuple[View, ...]) -> Observations:
-    """What a run shows the prior of these views."""
-    return ToldPrior(prior, lambda: views).shown(Observations(*tensors(views), tuple(range(len(views)))))
+def truth_of(known: Observations, component: str) -> np.ndarray:
+    return known.truth[component].double().numpy()
 
 
-def draw(prior: OraclePrior, views: tuple[View, ...], seed: int = 0, **guidance: Tensor) -> Mapping[str, Tensor]:
-    return prior.sample(told(prior, views), seed=seed, guidance=guidance or None).values
-
-
-def truth_of(views: tuple[View, ...], component: str) -> np.ndarray:
-    return np.stack([getattr(view, component) for view in views]).astype(np.float64)
-
-
-def unit_of(views: tuple[View, ...], component: str) -> float:
+def unit_of(known: Observations, component: str) -> float:
     """Mean of the component over the pixels of the scene where it is not zero."""
-    truth = truth_of(views, component)
+    truth = truth_of(known, component)
     return float(truth[truth.sum(-1) > 0].mean())
 
 
 def test_scale_is_one_log_normal_factor_per_view() -> None:
-    views = views_of(400, height=4, width=5)
-    truth, inside = truth_of(views, "specular"), truth_of(views, "specular") > 0.01  # an albedo would be cut at 1
-    sample = draw(OraclePrior(scale=0.3), views)["specular"].numpy()
+    known = pictures(400, height=4, width=5)
+    truth, inside = truth_of(known, "specular"), truth_of(known, "specular") > 0.01  # an albedo would be cut at 1
+    sample = draw(OraclePrior(scale=0.3), known)["specular"].numpy()
     factors = [s[i] / t[i] for s, t, i in zip(sample, truth, inside, strict=True)]
     assert max(np.abs(of_view / of_view[0] - 1).max() for of_view in factors) < 1e-5
     logs = np.log([of_view[0] for of_view in factors])
@@ -71,10 +58,10 @@ def test_scale_is_one_log_normal_factor_per_view() -> None:
 
 
 def test_noise_is_white_with_the_stated_deviation() -> None:
-    views = views_of(40, height=24, width=31)
-    sample = draw(OraclePrior(noise=0.1), views)["albedo"].numpy()
-    full = views[0].mask == 1
-    noise = ((sample - truth_of(views, "albedo")) / unit_of(views, "albedo"))[:, full]
+    known = pictures(40, height=24, width=31)
+    sample = draw(OraclePrior(noise=0.1), known)["albedo"].numpy()
+    full = known.masks[0].numpy() == 1
+    noise = ((sample - truth_of(known, "albedo")) / unit_of(known, "albedo"))[:, full]
     assert abs(noise.std() / 0.1 - 1) < 4 / math.sqrt(2 * noise.size)
     assert abs(noise.mean()) < 4 * 0.1 / math.sqrt(noise.size)
     correlation = np.corrcoef(noise[:, :-1].ravel(), noise[:, 1:].ravel())[0, 1]
@@ -82,20 +69,19 @@ def test_noise_is_white_with_the_stated_deviation() -> None:
 
 
 def test_baked_shading_multiplies_the_albedo_alone() -> None:
-    views = views_of(2)
-    samples = draw(OraclePrior(baked=0.5), views)
-    np.testing.assert_array_equal(samples["specular"].numpy(), truth_of(views, "specular").astype(np.float32))
-    for view, sample in zip(views, samples["albedo"].numpy(), strict=True):
-        luminance = view.image.astype(np.float64) @ [0.2126, 0.7152, 0.0722]
-        factor = np.sqrt(luminance / (luminance.sum() / view.mask.sum()))
-        np.testing.assert_allclose(sample, view.albedo * factor[..., None], rtol=1e-4, atol=1e-6)
+    known = pictures(2)
+    samples = draw(OraclePrior(baked=0.5), known)
+    np.testing.assert_array_equal(samples["specular"].numpy(), truth_of(known, "specular").astype(np.float32))
+    luminance = known.images.double().numpy() @ [0.2126, 0.7152, 0.0722]
+    factor = np.sqrt(luminance / (luminance.sum((1, 2)) / known.masks.numpy().sum((1, 2)))[:, None, None])
+    np.testing.assert_allclose(samples["albedo"].numpy(), truth_of(known, "albedo") * factor[..., None], rtol=1e-4, atol=1e-6)
 
 
 def test_inconsistency_is_smooth_and_differs_between_views() -> None:
-    views = views_of(6, height=48, width=64)
-    sample = draw(OraclePrior(inconsistency=0.1, patch=4.0), views)["albedo"].numpy()
-    full = views[0].mask == 1
-    field = (sample - truth_of(views, "albedo")) / unit_of(views, "albedo")
+    known = pictures(6, height=48, width=64)
+    sample = draw(OraclePrior(inconsistency=0.1, patch=4.0), known)["albedo"].numpy()
+    full = known.masks[0].numpy() == 1
+    field = (sample - truth_of(known, "albedo")) / unit_of(known, "albedo")
     assert abs(field[:, full].std() / 0.1 - 1) < 0.35  # few patches per view, hence the wide band
     near, far = (np.corrcoef(field[:, 24, 20:36].ravel(), field[:, 24 + d, 20:36].ravel())[0, 1] for d in (1, 12))
     assert near > 0.9
@@ -106,33 +92,33 @@ def test_inconsistency_is_smooth_and_differs_between_views() -> None:
 
 @pytest.mark.parametrize("strength", [0.5, 100.0, 1e6])
 def test_guidance_is_the_gaussian_posterior_mean(strength: float) -> None:
-    views = views_of(2)
+    known = pictures(2)
     dials = {"scale": 0.1, "noise": 0.05, "inconsistency": 0.3}
-    generator, coverage = torch.Generator().manual_seed(3), tensors(views)[1][..., None]
+    generator, coverage = torch.Generator().manual_seed(3), known.masks[..., None]
     render = {n: coverage * torch.rand(2, HEIGHT, WIDTH, 3, generator=generator) for n in ("albedo", "specular")}
-    free = draw(OraclePrior(**dials), views, 4)
-    guided = draw(OraclePrior(**dials, guidance_strength=strength), views, 4, **render)
-    inside = tensors(views)[1].numpy() > 0
+    free = draw(OraclePrior(**dials), known, 4)
+    guided = draw(OraclePrior(**dials, guidance_strength=strength), known, 4, **render)
+    inside = known.masks.numpy() > 0
     for name in ("albedo", "specular"):
-        truth = truth_of(views, name)
-        variance = unit_of(views, name) ** 2 * (0.05**2 + 0.3**2) + (0.1 * truth) ** 2
+        truth = truth_of(known, name)
+        variance = unit_of(known, name) ** 2 * (0.05**2 + 0.3**2) + (0.1 * truth) ** 2
         x, r = free[name].double().numpy(), render[name].double().numpy()
         expected = (x / variance + strength * r) / (1 / variance + strength)
         np.testing.assert_allclose(guided[name].numpy()[inside], expected[inside], rtol=2e-5, atol=2e-6)
 
 
 def test_strength_zero_and_no_variance_return_the_sample_to_the_bit() -> None:
-    views = views_of(2)
+    known = pictures(2)
     render = {name: torch.ones(2, HEIGHT, WIDTH, 3) for name in ("albedo", "specular")}
     noisy = {"noise": 0.3, "scale": 0.2}
     for options, same in (({**noisy, "guidance_strength": 0.0}, noisy), ({"guidance_strength": 1e9}, {})):
-        guided, free = draw(OraclePrior(**options), views, 7, **render), draw(OraclePrior(**same), views, 7)
+        guided, free = draw(OraclePrior(**options), known, 7, **render), draw(OraclePrior(**same), known, 7)
         assert all(torch.equal(guided[name], free[name]) for name in free)
 
 
 def test_draws_depend_on_seed_and_view_and_on_nothing_else() -> None:
-    first, more = views_of(2), views_of(5)
-    assert np.array_equal(first[1].albedo, more[1].albedo)
+    more = pictures(5)
+    first = more.select([0, 1])
     dials = {"scale": 0.2, "noise": 0.1}
     few, many = draw(OraclePrior(**dials), first), draw(OraclePrior(**dials), more)
     # one view more changes the unit (the scene's mean) a little, and no random number at all
@@ -141,7 +127,7 @@ def test_draws_depend_on_seed_and_view_and_on_nothing_else() -> None:
     again = [draw(prior, more, seed)["albedo"] for seed in (0, 1, 0)]
     assert torch.equal(again[0], again[2])
     assert not torch.equal(again[0], again[1])
-    same = tuple(more[0] for _ in range(3))  # equal views get different draws ...
+    same = more.select([0, 0, 0])  # equal views get different draws ...
     sample = draw(OraclePrior(noise=0.1), same)
     noise = [(sample[name].numpy() - truth_of(same, name))[:, 5:7, 6:10].ravel() for name in ("albedo", "specular")]
     assert not np.allclose(sample["albedo"][0], sample["albedo"][1])
@@ -149,17 +135,17 @@ def test_draws_depend_on_seed_and_view_and_on_nothing_else() -> None:
 
 
 def test_dark_image_and_empty_mask_stay_finite() -> None:
-    view = views_of(1)[0]
-    nothing = np.zeros_like(view.image)
-    dark = View("dark", CAMERA, nothing, view.mask, albedo=view.albedo, specular=nothing)
-    empty = View("empty", CAMERA, nothing, nothing[..., 0], albedo=nothing, specular=nothing)
+    known = pictures(2)
+    empty = known.each(lambda tensor: torch.cat([tensor[:1], 0 * tensor[1:]]))
+    dark = replace(empty, images=0 * empty.images, truth={**empty.truth, "specular": 0 * empty.images})
     dials = {"scale": 0.2, "noise": 0.2, "baked": 0.5, "inconsistency": 0.2}
-    samples = draw(OraclePrior(**dials), (dark, empty))
+    samples = draw(OraclePrior(**dials), dark)
     assert all(bool(torch.isfinite(sample).all()) and bool((sample[1] == 0).all()) for sample in samples.values())
 
 
 def test_a_view_without_the_truth_is_named() -> None:
-    (view,) = views_of(1)
-    lacking = View("images/train/0007", CAMERA, view.image, view.mask, albedo=view.albedo)
+    known = pictures(1)
+    image, mask, albedo = (tensor[0].numpy() for tensor in (known.images, known.masks, known.truth["albedo"]))
+    lacking = View("images/train/0007", Camera(np.eye(4), (20.0, 20.0), (8.0, 6.0), 16, 12), image, mask, albedo=albedo)
     with pytest.raises(InputError, match="training view images/train/0007 has no ground-truth specular"):
-        told(OraclePrior(), (lacking,))
+        ToldPrior(OraclePrior(), lambda: (lacking,)).shown(replace(known, views=(0,)))

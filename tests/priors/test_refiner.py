@@ -10,22 +10,13 @@ from priors.tiny_network import tiny_weights
 from torch import Tensor
 
 from ia_bench.checks.conformance import check_prior
-from ia_bench.checks.stack import painted_ball
-from ia_bench.priors.contract import COMPONENTS, Observations, Refiner
+from ia_bench.checks.painted_ball import painted_ball
+from ia_bench.priors.contract import COMPONENTS, Refiner
 from ia_bench.priors.corrected import CorrectedPrior
-from ia_bench.priors.refiner import (
-    DESCRIPTION,
-    WANTS,
-    RefinerConfig,
-    RefinerNetwork,
-    RefinerPrior,
-    Seen,
-    load_refiner,
-    see,
-)
+from ia_bench.priors.refiner import DESCRIPTION, RefinerConfig, RefinerNetwork, RefinerPrior, Seen, load_refiner, see
 from ia_bench_training.saving import save_refiner
 
-STACK = painted_ball(37, 31, 3)
+BALL = painted_ball(37, 31, 3)
 
 
 def trained(seed: int = 0) -> RefinerNetwork:
@@ -43,21 +34,15 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {"weights": str(tiny_weights(root / "regressor", "regressor")), "refiner": str(root / "refiner")}
 
 
-def shown() -> Observations:
-    return STACK.shown(WANTS)
-
-
 def renders() -> dict[str, Tensor]:
-    masks = STACK.masks[..., None]
-    parts = {name: 0.7 * STACK.truth(name) + 0.1 * masks for name in COMPONENTS}
+    masks = BALL.masks[..., None]
+    parts = {name: 0.7 * BALL.truth[name] + 0.1 * masks for name in COMPONENTS}
     evidence = torch.tensor([0.1, 0.3]) * masks
-    return {**parts, "radiance": 0.8 * STACK.images + 0.05 * masks, "roughness": 0.4 * masks, "evidence": evidence}
+    return {**parts, "radiance": 0.8 * BALL.images + 0.05 * masks, "roughness": 0.4 * masks, "evidence": evidence}
 
 
 def seen(images: Tensor, parts: dict[str, Tensor]) -> Seen:
-    observed = shown()
-    geometry = [tensor for tensor in (observed.normals, observed.visibility, observed.view_count) if tensor is not None]
-    return see(images, observed.masks, parts, *geometry)
+    return see(images, BALL.masks, parts, BALL.normals, BALL.visibility, BALL.view_count)
 
 
 def test_it_keeps_the_contract(folders: dict[str, str]) -> None:
@@ -67,24 +52,24 @@ def test_it_keeps_the_contract(folders: dict[str, str]) -> None:
 
 def test_levels_are_no_part_of_what_it_sees() -> None:
     """A photograph twice as bright with its highlights, or an albedo of half the level, looks the same."""
-    image, parts = STACK.images, renders()
+    image, parts = BALL.images, renders()
     plain = seen(image, parts)
     levels = {"albedo": 0.5, "specular": 2, "radiance": 2}
     other = seen(2 * image, {name: levels.get(name, 1) * values for name, values in parts.items()})
     torch.testing.assert_close(other.features, plain.features, rtol=1e-4, atol=1e-5)
-    change = 0.05 * torch.ones(3, 4, *STACK.masks.shape[1:])
+    change = 0.05 * torch.ones(3, 4, *BALL.masks.shape[1:])
     (albedo, roughness), (dark, same) = plain.corrected(change), other.corrected(change)
     torch.testing.assert_close(dark, 0.5 * albedo, rtol=1e-4, atol=1e-6)
     torch.testing.assert_close(same, roughness)
-    inside = STACK.masks == 1
+    inside = BALL.masks == 1
     torch.testing.assert_close(roughness[inside], torch.full_like(roughness[inside], 0.45))
 
 
 def test_no_change_gives_back_the_material() -> None:
     parts = renders()
-    parts["roughness"] = 0.9 * (STACK.masks > 0)[..., None]  # of a fit that also covers what a photograph's mask leaves out in part
-    found = seen(STACK.images, parts).corrected(torch.zeros(3, 4, *STACK.masks.shape[1:]))
-    for name, maps, where in zip(("albedo", "roughness"), found, (STACK.masks == 1, STACK.masks > 0), strict=True):
+    parts["roughness"] = 0.9 * (BALL.masks > 0)[..., None]  # of a fit that also covers what a photograph's mask leaves out in part
+    found = seen(BALL.images, parts).corrected(torch.zeros(3, 4, *BALL.masks.shape[1:]))
+    for name, maps, where in zip(("albedo", "roughness"), found, (BALL.masks == 1, BALL.masks > 0), strict=True):
         torch.testing.assert_close(maps[where], parts[name][where].float(), rtol=1e-4, atol=1e-5)
 
 
@@ -92,7 +77,7 @@ def test_views_without_anything_stay_as_they_are(folders: dict[str, str]) -> Non
     prior = RefinerPrior(**folders, precision="float32")
     parts = renders()
     parts["albedo"][1] = 0
-    empty = replace(shown(), masks=shown().masks * torch.tensor([1.0, 1, 0])[:, None, None])
+    empty = replace(BALL, masks=BALL.masks * torch.tensor([1.0, 1, 0])[:, None, None])
     found = prior.refine(empty, parts)
     assert found.cost == {"network_calls": 1}
     for name, maps in found.values.items():
@@ -103,15 +88,14 @@ def test_views_without_anything_stay_as_they_are(folders: dict[str, str]) -> Non
 def test_what_lies_around_the_object_does_not_matter(folders: dict[str, str]) -> None:
     """A frame of background around the images, a multiple of the network's stride wide, changes nothing inside."""
     prior = RefinerPrior(**folders, precision="float32")
-    observed, parts = shown(), renders()
-    plain = prior.refine(observed, parts).values
+    parts = renders()
+    plain = prior.refine(BALL, parts).values
 
     def framed(values: Tensor) -> Tensor:
         space = (0, 0) * (values.ndim - 3)
         return torch.nn.functional.pad(values, (*space, 4, 4, 4, 4))
 
-    wider = observed._each(framed)
-    found = prior.refine(wider, {name: framed(render) for name, render in parts.items()}).values
+    found = prior.refine(BALL.each(framed), {name: framed(render) for name, render in parts.items()}).values
     for name, maps in plain.items():
         torch.testing.assert_close(found[name][:, 4:-4, 4:-4], maps, rtol=1e-5, atol=1e-6)
 
@@ -131,7 +115,7 @@ def test_samples_are_kept_whatever_corrects_them(folders: dict[str, str], tmp_pa
     others = ({}, {"refiner": str(tmp_path / "refiner")}, {"weights": regressor})
     first, second, third = (RefinerPrior(**{**folders, **other}) for other in others)
     assert first.fingerprint == second.fingerprint != third.fingerprint
-    samples = [prior.sample(shown(), seed=0).values["albedo"] for prior in (first, second, third)]
+    samples = [prior.sample(BALL, seed=0).values["albedo"] for prior in (first, second, third)]
     assert torch.equal(samples[0], samples[1])
     assert not torch.equal(samples[0], samples[2])
 
@@ -140,8 +124,7 @@ def test_it_refines_behind_a_wrapper(folders: dict[str, str]) -> None:
     """What sees truth still corrects a fit as the prior behind it does; what cannot refine offers nothing."""
     corrected = CorrectedPrior(of="refiner", share=0.5, of_options=folders)
     assert isinstance(corrected, Refiner)
-    plain = RefinerPrior(**folders).refine(shown(), renders()).values
-    truth = STACK.shown(WANTS | {"truth"})
-    found = corrected.refine(truth, renders()).values
+    plain = RefinerPrior(**folders).refine(BALL, renders()).values
+    found = corrected.refine(BALL, renders()).values
     assert all(torch.equal(found[name], plain[name]) for name in ("albedo", "roughness"))
     assert not isinstance(CorrectedPrior(of="regressor"), Refiner)

@@ -182,7 +182,7 @@ OTHERS = {"city": "object_scene002", "night": "object_scene003"}
 
 def orb_expected(scene: Scene) -> Scene:
     """Stanford-ORB's views under another light each have a light of their own: the map as their camera sees it."""
-    relit = [(number, view) for number, camera in enumerate(held_out(scene)) for view in camera.relit]
+    relit = [(number, view) for number, (_, others) in enumerate(held_out(scene)) for view in others]
     others = tuple(replace(view, light=f"{OTHERS[view.light]}_{number:04}") for number, view in relit)
     return replace(scene, novel=(*scene.test, *others))
 

@@ -17,6 +17,7 @@ from spoils import Spoil, edited, gone, picture, wrote
 from test_round_trips import read
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.registry import create, find
 from ia_bench.readers.writers.parts import Options, save_exr
 from ia_bench.render.agreement import check_agreement
 from ia_bench.scenes.exr import read_exr
@@ -150,6 +151,7 @@ MISTAKES: dict[str, Mistakes] = {
             edited(WHOLE, lambda c: c.update(fl_x=[50.0])),
             r"fl_x: expected a finite number, found \[50.0\]",
         ),
+        "beyond a float": (word(WHOLE, '"fl_x": ', '"k1": 1e999, "fl_x": '), "k1: expected a finite number, found inf"),
         "fisheye": (edited(WHOLE, lambda c: c.update(camera_model="FISHEYE")), "camera_model: expected one of.*found 'FISHEYE'"),
         "fisheye of Instant-NGP": (
             edited(WHOLE, lambda c: c.update(is_fisheye=bool(c.pop("camera_model")))),
@@ -306,6 +308,13 @@ def test_a_typical_mistake_is_told(layout: Layout, mistake: str, written: dict[s
     said = said_of(layout, folder, {**given, **({"lights": str(folder / "lights")} if "lights" in given else {})})
     assert re.search(says, said), said
     assert "\n" not in said or not said.startswith("error")
+
+
+@pytest.mark.parametrize("name", sorted({layout.name for layout in LAYOUTS}))
+def test_a_wrong_option_is_told(name: str) -> None:
+    """The types of options that readers share are known in the file of each."""
+    with pytest.raises(InputError, match=r"unknown value of reader\.options\.uv: 'none'\. There are: mesh, xatlas"):
+        create("reader", name, find("reader", name).target, {"uv": "none"}, None)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.id)

@@ -1,19 +1,17 @@
 """Photographs and masks as readers open them: names, turns, which mask is whose, and what pixels betray."""
 
-import json
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from layouts import STEP, scene_to_write, unlit
 from PIL import Image
+from spoils import edited
 
 from ia_bench.common.errors import InputError
-from ia_bench.readers.dtu import DtuReader
 from ia_bench.readers.nerfstudio import NerfstudioReader
 from ia_bench.readers.pictures import photograph, picture_below, pictures_in
-from ia_bench.readers.writers.calibrated import write_dtu
 from ia_bench.readers.writers.frames import write_nerfstudio
 from ia_bench.scenes.photograph import read_mask
 from ia_bench.scenes.scene import Scene
@@ -50,12 +48,6 @@ def test_pictures_that_no_run_is_known_by_are_refused(tmp_path: Path) -> None:
 
 # ---------------------------------------------------------------- photographs of a camera that was held upright
 # Calibrated cameras and masks are of the stored pixels, whatever EXIF says.
-FORMATS = {
-    "nerfstudio": (write_nerfstudio, NerfstudioReader, ("images", "masks")),
-    "dtu": (write_dtu, DtuReader, ("image", "mask")),
-}
-
-
 def tag(folder: Path) -> None:
     """Give every picture of the folder the EXIF orientation of a quarter turn and leave its pixels as they are."""
     exif = Image.Exif()
@@ -66,41 +58,35 @@ def tag(folder: Path) -> None:
             file.save(path, exif=exif)
 
 
-@pytest.mark.parametrize("name", FORMATS)
-def test_an_orientation_turns_neither_photograph_nor_mask(tmp_path: Path, tiny: Scene, name: str) -> None:
-    write: Callable[[Path, Scene], None]
-    write, reader, folders = FORMATS[name]
-    write(tmp_path, scene_to_write(tiny))
-    expected = reader(tmp_path).read(truth=False).train
-    for folder in folders:
+def test_an_orientation_turns_neither_photograph_nor_mask(tmp_path: Path, tiny: Scene) -> None:
+    write_nerfstudio(tmp_path, scene_to_write(tiny))
+    expected = NerfstudioReader(tmp_path).read(truth=False).train
+    for folder in ("images", "masks"):
         tag(tmp_path / folder)
-    for found, view in zip(reader(tmp_path).read(truth=False).train, expected, strict=True):
+    for found, view in zip(NerfstudioReader(tmp_path).read(truth=False).train, expected, strict=True):
         np.testing.assert_array_equal(found.image, view.image)
         np.testing.assert_array_equal(found.mask, view.mask)
 
 
 # ---------------------------------------------------------------- masks that nerfstudio's reader finds by the name of a photograph
 # Beside photographs of two cameras, and of one.
-@pytest.fixture
-def folder(tmp_path: Path, tiny: Scene) -> Path:
+def test_masks_lie_in_folders_like_those_of_the_photographs(tmp_path: Path, tiny: Scene) -> None:
     """The scene `tiny` as of two cameras: images/left/NNNN.png with masks/left/NNNN.png, and the same of images/right."""
     write_nerfstudio(tmp_path, scene_to_write(tiny))
-    content = json.loads((tmp_path / "transforms.json").read_text())
-    for place, frame in enumerate(content["frames"]):
-        name = f"{('left', 'right')[place % 2]}/{place // 2:04}.png"
-        for kind, path in (("images", frame["file_path"]), ("masks", frame.pop("mask_path"))):
-            (tmp_path / kind / name).parent.mkdir(exist_ok=True)
-            (tmp_path / path).rename(tmp_path / kind / name)
-        frame["file_path"] = f"./images/{name}"
-    paths = [frame["file_path"] for frame in content["frames"]]
-    count = len(content["train_filenames"])
-    content.update(train_filenames=paths[:count], test_filenames=paths[count:])
-    (tmp_path / "transforms.json").write_text(json.dumps(content))
-    return tmp_path
 
+    def in_two_folders(content: dict[str, Any]) -> None:
+        for place, frame in enumerate(content["frames"]):
+            name = f"{('left', 'right')[place % 2]}/{place // 2:04}.png"
+            for kind, path in (("images", frame["file_path"]), ("masks", frame.pop("mask_path"))):
+                (tmp_path / kind / name).parent.mkdir(exist_ok=True)
+                (tmp_path / path).rename(tmp_path / kind / name)
+            frame["file_path"] = f"./images/{name}"
+        paths = [frame["file_path"] for frame in content["frames"]]
+        count = len(content["train_filenames"])
+        content.update(train_filenames=paths[:count], test_filenames=paths[count:])
 
-def test_masks_lie_in_folders_like_those_of_the_photographs(folder: Path, tiny: Scene) -> None:
-    scene, expected = NerfstudioReader(folder).read(truth=False), unlit(scene_to_write(tiny))
+    edited("transforms.json", in_two_folders)(tmp_path)
+    scene, expected = NerfstudioReader(tmp_path).read(truth=False), unlit(scene_to_write(tiny))
     assert scene.train[1].name == "images/right/0000"
     for split in ("train", "test"):
         for view, one in zip(getattr(scene, split), getattr(expected, split), strict=True):

@@ -1,6 +1,5 @@
 """Exposures that cameras recorded, in transforms.json or EXIF: training images are divided by them, renders are exposed by them."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import pytest
 import torch
 from layouts import scene_to_write
 from PIL import Image
+from spoils import edited
 
 from ia_bench.capture.capture import captured, record
 from ia_bench.capture.settings import CaptureSettings
@@ -91,15 +91,11 @@ def test_a_render_is_exposed_as_the_photograph_that_it_is_compared_with(tiny: Sc
 
 def test_a_frame_s_exposure_replaces_what_exif_says(tmp_path: Path, tiny: Scene) -> None:
     write_nerfstudio(tmp_path, scene_to_write(tiny))
-    path = tmp_path / "transforms.json"
-    content = json.loads(path.read_text())
-    for number, frame in enumerate(content["frames"]):
-        frame["exposure"] = 1.0 + number
-    path.write_text(json.dumps(content))
+    edited("transforms.json", lambda c: [frame.update(exposure=1.0 + n) for n, frame in enumerate(c["frames"])])(tmp_path)
     scene = NerfstudioReader(tmp_path, shrink=2).read(truth=False)
-    assert [view.exposure for view in (*scene.train, *scene.test)] == [1.0 + n for n in range(len(content["frames"]))]
-    content["frames"][2]["exposure"] = 0
-    path.write_text(json.dumps(content))
+    views = (*scene.train, *scene.test)
+    assert [view.exposure for view in views] == [1.0 + n for n in range(len(views))]
+    edited("transforms.json", lambda c: c["frames"][2].update(exposure=0))(tmp_path)
     with pytest.raises(InputError, match=r"frames\[2\]: exposure: expected a number above 0, found 0"):
         NerfstudioReader(tmp_path).read(truth=False)
 

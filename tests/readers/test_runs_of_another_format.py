@@ -17,9 +17,10 @@ SCORES = {"albedo": {"psnr": 20.0}}
 RECORD = RunRecord(row="none", scene="tiny", seed=0, protocol="none", config_hash="", status="ok", metrics=SCORES)
 
 
-@pytest.fixture
-def finished(tmp_path: Path, tiny: Scene, tiny_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of a run on tiny in NeRFactor's layout, which named its files from the folder that it was started in."""
+def test_it_is_read_from_where_the_run_found_it(
+    tmp_path: Path, tiny: Scene, tiny_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run on tiny in NeRFactor's layout, which named its files from the folder that it was started in."""
     write_nerfactor(tmp_path / "theirs" / "tiny", scene_to_write(tiny))
     monkeypatch.chdir(tmp_path / "theirs")
     (tmp_path / "theirs" / "mesh.ply").write_bytes((tiny_folder / "mesh.ply").read_bytes())
@@ -29,11 +30,7 @@ def finished(tmp_path: Path, tiny: Scene, tiny_folder: Path, monkeypatch: pytest
     with RunFolder(tmp_path / "run", content, hash_of(content), setup=setup(config)) as folder:
         folder.write_record(RECORD)
     monkeypatch.chdir(tmp_path)
-    return tmp_path / "run"
-
-
-def test_it_is_read_from_where_the_run_found_it(finished: Path) -> None:
-    run = Recovered(finished)
+    run = Recovered(tmp_path / "run")
     scene = run.read_scene(whole=True)
     assert "train" in scene.truth.lights
     assert len(scene.expect_mesh().vertices) > 0

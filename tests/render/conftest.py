@@ -12,7 +12,7 @@ from ia_bench.scenes.scene import Scene
 @pytest.fixture(scope="session")
 def tiny_stage(tiny: Scene) -> Stage:
     """The test views of `tiny`, one point a pixel."""
-    return Stage.of(tiny.mesh, [view.camera for view in tiny.test])
+    return Stage(tiny.mesh, [view.camera for view in tiny.test])
 
 
 @pytest.fixture(scope="session")

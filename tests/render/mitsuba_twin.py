@@ -39,7 +39,7 @@ class Twin:
 
     @cached_property
     def stage(self) -> Stage:
-        return Stage.of(self.mesh, [self.camera])
+        return Stage(self.mesh, [self.camera])
 
     @property
     def material(self) -> Material:

@@ -5,6 +5,7 @@ The closed forms start from the camera's matrix and the shapes' equations; they 
 
 import numpy as np
 import pytest
+import textbook
 import torch
 from means import assert_same_mean
 from scipy.stats import norm
@@ -33,11 +34,15 @@ def unit_ball(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 def repeats(stage: Stage, pixels: torch.Tensor, material: Material, radiance: torch.Tensor, samples: int) -> PixelRadiance:
     """REPEATS independent estimates of some pixels: fields (REPEATS, P, 3) in float64."""
-    drawn = stage.renderer().render_pixels(
-        stage.gbuffer, pixels.repeat(REPEATS), material, SampledLight.of(radiance), samples, torch.Generator().manual_seed(1)
-    )
+    drawn = stage.estimate(pixels.repeat(REPEATS), material, SampledLight.of(radiance), samples, seed=1)
     parts = (drawn.diffuse, drawn.specular, drawn.albedo)
     return PixelRadiance(*(part.double().reshape(REPEATS, len(pixels), 3) for part in parts))
+
+
+def place_in_map(direction: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column (...) of directions (..., 3) in a lat-long map, with their fractions."""
+    row = np.arccos(direction[..., 2].clip(-1, 1)) / np.pi * height
+    return row, (np.pi - np.arctan2(direction[..., 1], direction[..., 0])) / (2 * np.pi) * width
 
 
 def grey(roughness: float) -> Material:
@@ -47,7 +52,7 @@ def grey(roughness: float) -> Material:
 @pytest.fixture(scope="module")
 def ball() -> Stage:
     """A unit ball of 82 000 triangles: at the cosines used below, their normals are those of the ball to 3e-4."""
-    return Stage.of(sphere(6), [camera_at((2.1, -3.0, 1.4), pixels=40)])
+    return Stage(sphere(6), [camera_at((2.1, -3.0, 1.4), pixels=40)])
 
 
 # ---------------------------------------------------------------- spherical mirror
@@ -63,14 +68,13 @@ def test_spherical_mirror_shows_the_light_where_it_is(ball: Stage) -> None:
     height, width = 6, 12
     light = torch.rand(height, width, 3, generator=torch.Generator().manual_seed(2)) + 0.2
 
-    row = np.arccos(mirrored[:, 2].clip(-1, 1)) / np.pi * height
-    column = (np.pi - np.arctan2(mirrored[:, 1], mirrored[:, 0])) / (2 * np.pi) * width
+    row, column = place_in_map(mirrored, height, width)
     inside = [np.abs(place - np.round(place)) for place in (row, column)]
     sine = np.sqrt(1 - mirrored[:, 2] ** 2)
     sharp = (inside[0] * np.pi / height > 0.06) & (inside[1] * 2 * np.pi / width * sine > 0.06) & (cosine > 0.2)
 
-    chosen = torch.nonzero(torch.from_numpy(sharp)[ball.gbuffer.pixel])[:, 0]
-    pixel = ball.gbuffer.pixel[chosen].numpy()
+    chosen = torch.nonzero(torch.from_numpy(sharp)[ball.seen.pixel])[:, 0]
+    pixel = ball.seen.pixel[chosen].numpy()
     texel = row[pixel].astype(int) * width + column[pixel].astype(int)
     assert len(pixel) > 200
     assert len(np.unique(texel)) > 0.5 * height * width
@@ -86,21 +90,15 @@ def reflected_share(cos_o: np.ndarray, roughness: float) -> np.ndarray:
     node, weight = np.polynomial.legendre.leggauss(200)
     cos_i, share = (node[:, None] + 1) / 2, weight[:, None] / 2
     azimuth = (np.arange(256) + 0.5) * (2 * np.pi / 256)
-    alpha2 = roughness**4
+    incident = toward(cos_i, azimuth)
+    found = [(textbook.specular(np.eye(3)[2], toward(cosine, 0.0), incident, roughness) * share).sum() for cosine in cos_o]
+    return np.array(found) * 2 * np.pi / len(azimuth)
 
-    def smith_lambda(cosine: np.ndarray) -> np.ndarray:
-        return (np.sqrt(1 + alpha2 * (1 / cosine**2 - 1)) - 1) / 2
 
-    found = []
-    for cosine in cos_o:
-        sine = np.sqrt((1 - cosine**2) * (1 - cos_i**2))
-        between = cosine * cos_i + sine * np.cos(azimuth)  # of view and light
-        cos_h2 = (cosine + cos_i) ** 2 / (2 + 2 * between)
-        ggx = alpha2 / (np.pi * (cos_h2 * (alpha2 - 1) + 1) ** 2)
-        fresnel = 0.04 + 0.96 * (1 - np.sqrt((1 + between) / 2)) ** 5
-        value = ggx * fresnel / (1 + smith_lambda(cosine) + smith_lambda(cos_i)) / (4 * cosine)
-        found.append((value * share).sum() * 2 * np.pi / len(azimuth))
-    return np.array(found)
+def toward(cosine: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Directions (..., 3) of which z is this cosine."""
+    sine = np.sqrt(1 - cosine**2)
+    return np.stack(np.broadcast_arrays(sine * np.cos(azimuth), sine * np.sin(azimuth), cosine), -1)
 
 
 @pytest.mark.parametrize("roughness", [0.3, 0.6, 1.0])
@@ -108,8 +106,8 @@ def test_ball_in_a_constant_light(ball: Stage, roughness: float) -> None:
     """t-test of every pixel: diffuse is albedo times radiance, specular the share that the lobe reflects."""
     normal, view = unit_ball(camera_at((2.1, -3.0, 1.4), pixels=40))
     cosine = (normal * view).sum(-1)
-    chosen = torch.nonzero(torch.from_numpy(cosine > 0.3)[ball.gbuffer.pixel])[:, 0][::3]
-    expected = reflected_share(cosine[ball.gbuffer.pixel[chosen].numpy()], roughness)
+    chosen = torch.nonzero(torch.from_numpy(cosine > 0.3)[ball.seen.pixel])[:, 0][::3]
+    expected = reflected_share(cosine[ball.seen.pixel[chosen].numpy()], roughness)
     radiance = torch.tensor([0.5, 1.0, 2.0])
     found = repeats(ball, chosen, grey(roughness), radiance.expand(16, 32, 3).contiguous(), 256)
     mean = np.ones((len(chosen), 1)) * radiance.double().numpy()
@@ -140,9 +138,8 @@ def test_facing_planes_block_their_form_factor(above: bool) -> None:
     half, gap, inside = 1.0, 1.6, 0.75
     mesh = together(plate(half, height=-gap / 2), plate(half, height=gap / 2))
     camera = camera_at((0.0, 0.0, inside if above else -inside), pixels=15, field_of_view=66.0)
-    stage = Stage.of(mesh, [camera])
-    every = torch.arange(len(stage.gbuffer.pixel))
-    assert len(every) == 15 * 15  # the plate fills the picture
+    stage = Stage(mesh, [camera])
+    assert len(stage.every) == 15 * 15  # the plate fills the picture
 
     direction = unit_rays(camera).reshape(-1, 3)
     seen = camera.to_world[:3, 3] + direction * ((gap / 2 + inside) / np.abs(direction[:, 2]))[:, None]
@@ -150,7 +147,7 @@ def test_facing_planes_block_their_form_factor(above: bool) -> None:
     expected = 0.5 * 2.0 * (1 - blocked_share(seen[:, 0], seen[:, 1], half, gap))
     assert expected.min() < 0.75 < 0.9 < expected.max() / 0.85  # shadows differ over the plate
     light = torch.full((16, 32, 3), 2.0)
-    found = repeats(stage, every, grey(1.0), light, 128).diffuse[..., 0]
+    found = repeats(stage, stage.every, grey(1.0), light, 128).diffuse[..., 0]
     assert_same_mean(found.numpy(), expected[None], resolution=1e-3)
 
 
@@ -167,27 +164,17 @@ def brute_force(stage: Stage, pixels: torch.Tensor, material: Material, radiance
     rng = np.random.default_rng(5)
     direction = rng.normal(size=(len(pixels), DIRECTIONS, 3))
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    origin = (points.position + stage.surface.offset * points.geometric)[:, None].expand(-1, DIRECTIONS, 3)
-    blocked = stage.rays.occluded(origin.reshape(-1, 3).contiguous(), torch.from_numpy(direction).float().reshape(-1, 3))
+    blocked = stage.rays.occluded(stage.surface.lifted(points), torch.from_numpy(direction).float())
     normal, view = points.normal.double().numpy()[:, None], points.view.double().numpy()[:, None]
     roughness = fetch(material.roughness, points.uv).double().numpy()
     albedo = fetch(material.albedo, points.uv).double().numpy()[:, None]
 
     height, width, _ = radiance.shape
-    row = np.clip(np.arccos(np.clip(direction[..., 2], -1, 1)) / np.pi * height, 0, height - 1).astype(int)
-    phi = np.arctan2(direction[..., 1], direction[..., 0])
-    column = np.clip((np.pi - phi) / (2 * np.pi) * width, 0, width - 1).astype(int)
-
-    cos_i, cos_o = (direction * normal).sum(-1), (view * normal).sum(-1)
-    half = direction + view
-    half /= np.linalg.norm(half, axis=-1, keepdims=True)
-    cos_h, cos_d = (half * normal).sum(-1), (half * view).sum(-1)
-    alpha2 = roughness**4
-    tan2_i, tan2_o = 1 / cos_i**2 - 1, 1 / cos_o**2 - 1
-    smith = 2 / (np.sqrt(1 + alpha2 * tan2_i) + np.sqrt(1 + alpha2 * tan2_o))
-    ggx = alpha2 / (np.pi * (cos_h**2 * (alpha2 - 1) + 1) ** 2)
-    specular = ggx * smith * (0.04 + 0.96 * (1 - cos_d) ** 5) / (4 * cos_o)
-    visible = (~blocked.numpy().reshape(cos_i.shape) & (cos_i > 0))[..., None]
+    row, column = place_in_map(direction, height, width)
+    row, column = row.clip(0, height - 1).astype(int), column.clip(0, width - 1).astype(int)
+    cos_i = (direction * normal).sum(-1)
+    specular = textbook.specular(normal, view, direction, roughness)
+    visible = (~blocked.numpy() & (cos_i > 0))[..., None]
     incoming = 4 * np.pi * radiance[row, column] * visible
     return np.stack([incoming * albedo / np.pi * cos_i[..., None], incoming * specular[..., None]], 2)
 
@@ -196,7 +183,7 @@ def test_estimator_agrees_with_brute_force(tiny_stage: Stage, tiny_material: Mat
     """z-test per pixel, channel and part of MIS against uniform directions over the sphere, shadows included."""
     radiance = LatLongEnvironment(soft_light).latlong(16)
     light = SampledLight.of(radiance)
-    pixels = torch.randperm(len(tiny_stage.gbuffer.pixel), generator=torch.Generator().manual_seed(6))[:PIXELS]
+    pixels = torch.randperm(len(tiny_stage.seen.pixel), generator=torch.Generator().manual_seed(6))[:PIXELS]
     flat = tiny_stage.points(pixels)
     pixels = pixels[(flat.normal * flat.view).sum(-1) > 0.05]  # brute force has no answer at grazing either
     assert len(pixels) > 0.9 * PIXELS
@@ -206,7 +193,7 @@ def test_estimator_agrees_with_brute_force(tiny_stage: Stage, tiny_material: Mat
     renderer = tiny_stage.renderer()
     found = []
     for _ in range(ESTIMATES // 20):
-        part = renderer.render_pixels(tiny_stage.gbuffer, pixels.repeat(20), tiny_material, light, 16, generator)
+        part = renderer.render_pixels(tiny_stage.seen, pixels.repeat(20), tiny_material, light, 16, generator)
         found.append(torch.stack([part.diffuse, part.specular], 1).reshape(20, len(pixels), 2, 3))
     ours = torch.cat(found).double().numpy()
 
@@ -231,10 +218,8 @@ def test_error_falls_as_the_root_of_the_samples(tiny_stage: Stage, tiny_material
     The error is that against the mean of as many other estimates, so that an estimator that is biased by what it sees few of
     would flatten out.
     """
-    pixels = torch.randperm(len(tiny_stage.gbuffer.pixel), generator=torch.Generator().manual_seed(0))[:100]
-    light, generator = SampledLight.of(tiny_sun), torch.Generator().manual_seed(2)
-    renderer, gbuffer = tiny_stage.renderer(), tiny_stage.gbuffer
-    drawn = renderer.render_pixels(gbuffer, pixels.repeat(2048), tiny_material, light, 8, generator)
+    pixels = torch.randperm(len(tiny_stage.seen.pixel), generator=torch.Generator().manual_seed(0))[:100]
+    drawn = tiny_stage.estimate(pixels.repeat(2048), tiny_material, SampledLight.of(tiny_sun), 8, seed=2)
     estimates = (drawn.diffuse + drawn.specular).reshape(2048, len(pixels), 3).double().numpy()
     truth, counts = estimates[1024:].mean(0), np.array([1, 4, 16, 64])
     means = [estimates[:1024].reshape(-1, n, *truth.shape).mean(1) for n in counts]

@@ -1,8 +1,8 @@
 """The control variate of diffuse light changes the noise of an estimate and nothing else, whatever its bake says."""
 
 import math
+from copy import copy
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import torch
@@ -14,24 +14,22 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight, row_solid_angles, texel_centres
 from ia_bench.material.textures import Material
 from ia_bench.render.control import DiffuseControl
-from ia_bench.render.indirect import SKY_ROWS, Interreflection, bake_interreflection
-from ia_bench.render.renderer import Renderer, TracedShadows
+from ia_bench.render.indirect import SKY_ROWS
+from ia_bench.render.renderer import Renderer
 
-pytestmark = pytest.mark.verify
+pytestmark = [pytest.mark.verify, pytest.mark.usefixtures("own_cache")]
 TIMES = 48
 
 
-def bounced(stage: Stage, cache: Path, *, controlled: bool) -> Interreflection:
-    return bake_interreflection(stage.mesh, stage.surface, stage.rays, 1, cache, atlas_size=64, controlled=controlled)
+def renderer_of(stage: Stage, *, controlled: bool, coat: str = "added") -> Renderer:
+    return stage.renderer(bounces=1, atlas_size=64, control_variate=controlled, coat=coat)
 
 
-def diffuse(stage: Stage, baked: Interreflection, material: Material, light: Tensor, times: int = TIMES) -> Tensor:
+def diffuse(stage: Stage, renderer: Renderer, material: Material, light: Tensor, times: int = TIMES) -> Tensor:
     """(times, P, 3) independent estimates of 8 samples a point."""
-    renderer = Renderer(stage.surface, TracedShadows(stage.rays, stage.surface.offset), interreflection=baked)
-    generator, pixels = torch.Generator().manual_seed(5), torch.arange(0, len(stage.gbuffer.pixel), 3)
-    sampled = SampledLight.of(light)
+    generator, sampled = torch.Generator().manual_seed(5), SampledLight.of(light)
     return torch.stack(
-        [renderer.render_pixels(stage.gbuffer, pixels, material, sampled, 8, generator).diffuse for _ in range(times)]
+        [renderer.render_pixels(stage.seen, stage.every[::3], material, sampled, 8, generator).diffuse for _ in range(times)]
     )
 
 
@@ -42,23 +40,20 @@ def off(one: Tensor, other: Tensor) -> float:
     return abs(float(means[0].mean() - means[1].mean())) / error
 
 
-def test_a_hemisphere_keeps_its_closed_form(tmp_path: Path) -> None:
+def test_a_hemisphere_keeps_its_closed_form() -> None:
     """See test_indirect: rho / 2 (1 + rho / 2) under light 1 from everywhere; 1 %, as of 48 times 8 samples of 100 pixels."""
-    stage = Stage.of(bowl(), [camera_at((0.0, 0.0, 4.0), pixels=24, field_of_view=24.0)])
+    stage = Stage(bowl(), [camera_at((0.0, 0.0, 4.0), pixels=24, field_of_view=24.0)])
     material = Material(torch.full((4, 4, 3), 0.8), torch.full((4, 4, 1), 0.5))
-    found = diffuse(stage, bounced(stage, tmp_path, controlled=True), material, torch.ones(16, 32, 3))
+    found = diffuse(stage, renderer_of(stage, controlled=True), material, torch.ones(16, 32, 3))
     assert float(found.mean()) == pytest.approx(0.5 * 0.8 * 1.4, rel=0.01)
 
 
 @pytest.mark.parametrize("rows", [8, 24, 32])
-def test_it_takes_noise_away_and_moves_nothing(
-    tiny_stage: Stage, tiny_material: Material, soft_light: Tensor, tmp_path: Path, rows: int
-) -> None:
+def test_it_takes_noise_away_and_moves_nothing(tiny_stage: Stage, tiny_material: Material, soft_light: Tensor, rows: int) -> None:
     """Lights of fewer, of unequal and of more rows than the bake's 16. Means within 4 standard errors (1 in 16 000)."""
     light = LatLongEnvironment(soft_light).latlong(rows)
     plain, with_it = (
-        diffuse(tiny_stage, bounced(tiny_stage, tmp_path, controlled=controlled), tiny_material, light)
-        for controlled in (False, True)
+        diffuse(tiny_stage, renderer_of(tiny_stage, controlled=controlled), tiny_material, light) for controlled in (False, True)
     )
     assert off(plain, with_it) < 4
     error = ((plain.var(0) + with_it.var(0)) / TIMES).sqrt()
@@ -66,28 +61,24 @@ def test_it_takes_noise_away_and_moves_nothing(
     assert float(with_it.var(0).mean()) < 0.6 * float(plain.var(0).mean())
 
 
-def test_a_bake_that_is_wrong_costs_noise_alone(
-    tiny_stage: Stage, tiny_material: Material, soft_light: Tensor, tmp_path: Path
-) -> None:
+def test_a_bake_that_is_wrong_costs_noise_alone(tiny_stage: Stage, tiny_material: Material, soft_light: Tensor) -> None:
     """Half of what its texels see is forgotten. Means within 4 standard errors (1 in 16 000)."""
-    whole, right = (bounced(tiny_stage, tmp_path, controlled=controlled) for controlled in (False, True))
-    free = whole._sky.matrix.to_dense() > 0
+    whole, right = (renderer_of(tiny_stage, controlled=controlled) for controlled in (False, True))
+    wrong = copy(right)
+    wrong.interreflection = copy(right.interreflection)
+    free = right.interreflection.sky.matrix.to_dense() > 0
     kept = torch.rand(free.shape, generator=torch.Generator().manual_seed(0)) < 0.5
-    control, rays = DiffuseControl(free & kept, SKY_ROWS), tiny_stage.rays
-    wrong = Interreflection(whole.atlas, whole._sky, whole._exchange, tiny_stage.surface, rays, 1, control)
-    plain, with_it, found = (diffuse(tiny_stage, baked, tiny_material, soft_light) for baked in (whole, right, wrong))
+    wrong.interreflection.control = DiffuseControl(free & kept, SKY_ROWS)
+    plain, with_it, found = (diffuse(tiny_stage, renderer, tiny_material, soft_light) for renderer in (whole, right, wrong))
     assert off(plain, found) < 4
     assert float(found.var(0).mean()) > 1.5 * float(with_it.var(0).mean())
 
 
 @pytest.mark.parametrize("leaf", ["light", "albedo"])
-def test_gradients_are_those_of_the_estimate(
-    tiny_stage: Stage, tiny_material: Material, soft_light: Tensor, tmp_path: Path, leaf: str
-) -> None:
+def test_gradients_are_those_of_the_estimate(tiny_stage: Stage, tiny_material: Material, soft_light: Tensor, leaf: str) -> None:
     """With one bounce an estimate is linear in the light and quadratic in the albedo, of which central differences are exact."""
-    baked, shadows = bounced(tiny_stage, tmp_path, controlled=True), TracedShadows(tiny_stage.rays, tiny_stage.surface.offset)
-    renderer = Renderer(tiny_stage.surface, shadows, interreflection=baked, coat="layered")
-    pixels, generator = torch.arange(0, len(tiny_stage.gbuffer.pixel), 3), torch.Generator().manual_seed(1)
+    renderer = renderer_of(tiny_stage, controlled=True, coat="layered")
+    pixels, generator = tiny_stage.every[::3], torch.Generator().manual_seed(1)
     wanted = torch.rand(len(pixels), 3, generator=generator)
     start = {"light": soft_light, "albedo": tiny_material.albedo}[leaf]
 
@@ -95,7 +86,7 @@ def test_gradients_are_those_of_the_estimate(
         light = values if leaf == "light" else soft_light
         material = replace(tiny_material, albedo=values) if leaf == "albedo" else tiny_material
         sampled, drawn = SampledLight(light, SampledLight.of(soft_light).sampler), torch.Generator().manual_seed(5)
-        return (wanted * renderer.render_pixels(tiny_stage.gbuffer, pixels, material, sampled, 8, drawn).radiance).sum()
+        return (wanted * renderer.render_pixels(tiny_stage.seen, pixels, material, sampled, 8, drawn).radiance).sum()
 
     step = 0.5 * torch.rand(start.shape, generator=generator) * start
     (gradient,) = torch.autograd.grad(estimate(values := start.clone().requires_grad_()), values)
@@ -127,12 +118,10 @@ def test_what_is_known_is_the_sum_over_cells() -> None:
     assert float((gradient * sky.detach()).sum()) == pytest.approx(float((found.detach() * given).sum()), rel=1e-4)
 
 
-def test_the_back_of_a_sheet_goes_without(tmp_path: Path) -> None:
+def test_the_back_of_a_sheet_goes_without() -> None:
     """What texels see from the front says nothing of it: the same samples give the same estimate."""
-    stage = Stage.of(plate(1.0), [camera_at((0.5, 0.5, -3.0))])
+    stage = Stage(plate(1.0), [camera_at((0.5, 0.5, -3.0))])
     material = Material(torch.full((4, 4, 3), 0.8), torch.full((4, 4, 1), 0.5))
     light = torch.rand(16, 32, 3, generator=torch.Generator().manual_seed(0))
-    plain, with_it = (
-        diffuse(stage, bounced(stage, tmp_path, controlled=controlled), material, light, 1) for controlled in (False, True)
-    )
+    plain, with_it = (diffuse(stage, renderer_of(stage, controlled=controlled), material, light, 1) for controlled in (False, True))
     assert torch.equal(plain, with_it)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+import textbook
 import torch
 from means import assert_same_mean
 from stage import Stage
@@ -43,15 +44,13 @@ def leaves(tiny_material: Material, soft_light: Tensor) -> Leaves:
 @pytest.fixture(scope="module")
 def estimate(tiny_stage: Stage) -> Estimate:
     """Independent estimates (repeats, P, 3) of a few pixels; light, tables and directions are made anew, as a fit does it."""
-    chosen = torch.randperm(len(tiny_stage.gbuffer.pixel), generator=torch.Generator().manual_seed(0))[:PIXELS]
+    chosen = torch.randperm(len(tiny_stage.seen.pixel), generator=torch.Generator().manual_seed(0))[:PIXELS]
     points = tiny_stage.points(chosen)
     chosen = chosen[(points.normal * points.view).sum(-1) > 0.1]
 
     def run(leaves: Leaves, seed: int, repeats: int = REPEATS) -> Tensor:
         light, material = SampledLight.of(leaves["log_light"].exp(), uniform_fraction=0.1), Material(*list(leaves.values())[:2])
-        pixels, rng = chosen.repeat(repeats), torch.Generator().manual_seed(seed)
-        drawn = tiny_stage.renderer().render_pixels(tiny_stage.gbuffer, pixels, material, light, SAMPLES, rng)
-        return drawn.radiance.reshape(repeats, len(chosen), 3)
+        return tiny_stage.estimate(chosen.repeat(repeats), material, light, SAMPLES, seed).radiance.reshape(repeats, len(chosen), 3)
 
     return run
 
@@ -108,13 +107,7 @@ def test_detached_sampling_has_an_unbiased_gradient_of_roughness() -> None:
     light = np.repeat(np.repeat(radiance.double().numpy(), fine, 0), fine, 1)
 
     def integral(r: float) -> float:
-        alpha2, cos_i, cos_o = r**4, np.maximum(grid[..., 2], 1e-9), math.cos(0.8)
-        half = grid + view.double().numpy()
-        half /= np.linalg.norm(half, axis=-1, keepdims=True)
-        ggx = alpha2 / (np.pi * (half[..., 2] ** 2 * (alpha2 - 1) + 1) ** 2)
-        smith = 2 / (np.sqrt(1 + alpha2 * (1 / cos_i**2 - 1)) + math.sqrt(1 + alpha2 * (1 / cos_o**2 - 1)))
-        fresnel = 0.04 + 0.96 * (1 - half @ view.double().numpy()) ** 5
-        value = ggx * smith * fresnel / (4 * cos_o) * (grid[..., 2] > 0)
+        value = textbook.specular(normal.double().numpy(), view.double().numpy(), grid, r)
         return float((light.mean(-1) * value * area[:, None]).sum())
 
     expected = (integral(roughness + step) - integral(roughness - step)) / (2 * step)
@@ -129,7 +122,7 @@ def test_detached_sampling_has_an_unbiased_gradient_of_roughness() -> None:
     rotation = torch.rand(2, count, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(17))
     points = surface_of(normal.repeat(count, 1), view.repeat(count, 1), uv)
     drawn = draw_samples(points, torch.ones(count, dtype=torch.bool), texture.detach(), sampler, rotation, points=1, count=4)
-    _, specular, _, _ = shade_samples(points, drawn, Material(torch.zeros(1, 1, 3), texture), radiance, "added", None)
+    specular = shade_samples(points, drawn, Material(torch.zeros(1, 1, 3), texture), radiance, "added", None).specular
     (gradient,) = torch.autograd.grad(specular.mean(-1).sum() / draws_each, texture)
     means = gradient.flatten().double()
     error = float(means.std()) / math.sqrt(groups)
@@ -145,9 +138,7 @@ def test_directions_and_densities_carry_no_gradient(tiny_stage: Stage, tiny_mate
     material = Material(tiny_material.albedo, roughness)
     light = SampledLight.of(soft_light.clone().requires_grad_())
     assert not any(torch.is_tensor(table) and table.requires_grad for table in light.sampler)
-    part = tiny_stage.renderer().render_pixels(
-        tiny_stage.gbuffer, torch.arange(50), material, light, 8, torch.Generator().manual_seed(18)
-    )
+    part = tiny_stage.estimate(torch.arange(50), material, light, 8, seed=18)
     (none,) = torch.autograd.grad(part.diffuse.sum(), roughness, retain_graph=True)
     assert float(none.abs().max()) == 0
     (gradient,) = torch.autograd.grad(part.specular.sum(), roughness)

@@ -22,36 +22,24 @@ from ia_bench.material.textures import Material, fetch
 from ia_bench.render import indirect
 from ia_bench.render.estimator import DirectionSamples, FromObject, shade_samples
 from ia_bench.render.gbuffer import SurfacePoints
-from ia_bench.render.indirect import Atlas, Interreflection, Operator, bake_interreflection
-from ia_bench.render.renderer import NoShadows, PixelRadiance, Renderer, TracedShadows
+from ia_bench.render.indirect import Atlas, Interreflection, Operator
+from ia_bench.render.renderer import PixelRadiance
 
-pytestmark = pytest.mark.verify
+pytestmark = [pytest.mark.verify, pytest.mark.usefixtures("own_cache")]
 WHITE = torch.ones(16, 32, 3)
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One folder for all, so that a mesh is traced once."""
-    return tmp_path_factory.mktemp("cache")
-
-
-@pytest.fixture(scope="module")
 def bowl_stage() -> Stage:
-    return Stage.of(bowl(), [camera_at((0.0, 0.0, 4.0), pixels=24, field_of_view=24.0)])
+    return Stage(bowl(), [camera_at((0.0, 0.0, 4.0), pixels=24, field_of_view=24.0)])
 
 
 def flat(albedo: float, roughness: float = 0.5) -> Material:
     return Material(torch.full((4, 4, 3), albedo), torch.full((4, 4, 1), roughness))
 
 
-def render(
-    stage: Stage, material: Material, bounces: int, cache: Path, *, samples: int = 256, exposure: float = 1.0, **bake: int
-) -> PixelRadiance:
-    bounced = bake_interreflection(stage.mesh, stage.surface, stage.rays, bounces, cache, **bake)
-    renderer = Renderer(stage.surface, TracedShadows(stage.rays, stage.surface.offset), interreflection=bounced)
-    generator = torch.Generator().manual_seed(0)
-    pixels = torch.arange(len(stage.gbuffer.pixel))
-    return renderer.render_pixels(stage.gbuffer, pixels, material, SampledLight.of(exposure * WHITE), samples, generator)
+def render(stage: Stage, material: Material, *, samples: int = 256, exposure: float = 1.0, **settings: object) -> PixelRadiance:
+    return stage.estimate(stage.every, material, SampledLight.of(exposure * WHITE), samples, **settings)
 
 
 def arriving(bounced: Interreflection, values: torch.Tensor, points: SurfacePoints) -> torch.Tensor:
@@ -64,35 +52,33 @@ def arriving(bounced: Interreflection, values: torch.Tensor, points: SurfacePoin
 
 
 @pytest.mark.parametrize(("bounces", "exposure"), [(1, 1.0), (2, 1.0), (5, 1.0), (2, 1e-20), (2, 1e20)])
-def test_a_hemisphere_has_its_closed_form(bowl_stage: Stage, bounces: int, exposure: float, cache: Path) -> None:
+def test_a_hemisphere_has_its_closed_form(bowl_stage: Stage, bounces: int, exposure: float) -> None:
     """0.5 % in the mean (noise of 256 samples and of the bake's directions), 3 % RMS over pixels."""
     rho = 0.8
-    rendered = render(bowl_stage, flat(rho), bounces, cache, exposure=exposure).diffuse / exposure
+    rendered = render(bowl_stage, flat(rho), bounces=bounces, exposure=exposure).diffuse / exposure
     wanted = 0.5 * rho * sum((0.5 * rho) ** n for n in range(bounces + 1))
     assert float(rendered.mean()) == pytest.approx(wanted, rel=5e-3)
     assert float((rendered / wanted - 1).square().mean().sqrt()) < 0.03
 
 
-def test_a_white_bowl_in_a_white_furnace_disappears(bowl_stage: Stage, cache: Path) -> None:
+def test_a_white_bowl_in_a_white_furnace_disappears(bowl_stage: Stage) -> None:
     """Albedo 1 and many bounces: 1 from every direction, so its specular lobe reflects what it would without shadows."""
     material = flat(1.0, roughness=0.4)
-    rendered = render(bowl_stage, material, 16, cache)
+    rendered = render(bowl_stage, material, bounces=16)
     assert float(rendered.diffuse.mean()) == pytest.approx(1.0, rel=5e-3)
-    generator, pixels = torch.Generator().manual_seed(0), torch.arange(len(bowl_stage.gbuffer.pixel))
-    renderer = Renderer(bowl_stage.surface, NoShadows())
-    free = renderer.render_pixels(bowl_stage.gbuffer, pixels, material, SampledLight.of(WHITE), 256, generator).specular
+    free = render(bowl_stage, material, shadows="none").specular
     assert float((rendered.specular + rendered.mirrored).mean()) == pytest.approx(float(free.mean()), rel=0.01)
     assert float(rendered.specular.mean()) < 0.8 * float(free.mean())  # so there is something to get wrong
 
 
 @pytest.mark.slow
-def test_against_path_tracing(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor, tmp_path: Path) -> None:
+def test_against_path_tracing(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor) -> None:
     """Indirect irradiance of what the test views of `tiny` see, as a share of all that arrives: 1 % off in RMS, 3 % in the mean.
 
     One direction a cell and a texel leave noise in the bake, of which that of the paths here is an eighth.
     """
-    bounced = bake_interreflection(tiny_stage.mesh, tiny_stage.surface, tiny_stage.rays, 2, tmp_path)
-    points = tiny_stage.points(torch.arange(0, len(tiny_stage.gbuffer.pixel), 3))
+    bounced = tiny_stage.renderer(bounces=2).interreflection
+    points = tiny_stage.points(tiny_stage.every[::3])
     light = bounced.solve(tiny_material.albedo, soft_light)
     found = arriving(bounced, light.arriving, points)
     total = math.pi * arriving(bounced, light.leaving, points) / fetch(tiny_material.albedo, points.uv)
@@ -132,7 +118,7 @@ def test_gradients_of_the_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     """In float64, on made-up operators, against finite differences; the texture is looked up by torch, twice differentiable."""
     monkeypatch.setattr(indirect, "fetch", reference.fetch)
     generator = torch.Generator().manual_seed(2)
-    stage = Stage.of(plate(1.0), [camera_at((0.5, 0.5, 3.0))])
+    stage = Stage(plate(1.0), [camera_at((0.5, 0.5, 3.0))])
     texels = Atlas.of(stage.mesh, 3, torch.device("cpu"))
     count = len(texels.face)
     exchange = torch.rand(count, count, generator=generator, dtype=torch.float64)
@@ -145,7 +131,7 @@ def test_gradients_of_the_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     assert torch.autograd.gradgradcheck(lambda a, r: bounced.solve(a, r).leaving, (albedo, radiance))  # for Gauss-Newton
 
 
-def test_texels_inside_the_object_do_not_darken_their_neighbours(tmp_path: Path) -> None:
+def test_texels_inside_the_object_do_not_darken_their_neighbours() -> None:
     """A ball half sunk into a slab: texels below the slab's face are left out of every lookup."""
     slab = plate(2.0)
     ball = sphere(3)
@@ -156,40 +142,36 @@ def test_texels_inside_the_object_do_not_darken_their_neighbours(tmp_path: Path)
     box.apply_translation((0, 0, -1.0))
     body = mesh_of(box.vertices, box.faces, uv=np.full((len(box.vertices), 2), 2.0))
     mesh = together(body, sunk, mesh_of(slab.vertices, slab.faces, normals=slab.normals, uv=0.5 * slab.uv))
-    stage = Stage.of(mesh, [camera_at((3.0, 0.0, 3.0))])
-    bounced = bake_interreflection(mesh, stage.surface, stage.rays, 1, tmp_path)
-    texels = bounced.atlas
+    stage = Stage(mesh, [camera_at((3.0, 0.0, 3.0))])
+    texels = stage.renderer(bounces=1).interreflection.atlas
     _, position = stage.surface.geometry(texels.face, texels.barycentric)
     found = position[texels.row.reshape(-1).unique()]
     assert (position[:, 2] < -0.2).any()
     assert not (found[:, 2] < -0.2).any()
 
 
-def test_the_backs_of_a_sheet_get_no_indirect_light(tmp_path: Path) -> None:
-    stage = Stage.of(plate(1.0), [camera_at((0.5, 0.5, -3.0))])
-    points = stage.points(torch.arange(len(stage.gbuffer.pixel)))
+def test_the_backs_of_a_sheet_get_no_indirect_light() -> None:
+    stage = Stage(plate(1.0), [camera_at((0.5, 0.5, -3.0))])
+    points = stage.points(stage.every)
     assert not points.front.any()
-    bounced = bake_interreflection(stage.mesh, stage.surface, stage.rays, 1, tmp_path)
+    bounced = stage.renderer(bounces=1).interreflection
     light = bounced.solve(torch.ones(2, 2, 3), WHITE)
     assert float(light.leaving.min()) > 0
     assert float(arriving(bounced, light.leaving, points).abs().max()) == 0
 
 
-def test_the_operators_are_kept_and_reused(bowl_stage: Stage, tmp_path: Path) -> None:
-    first = render(bowl_stage, flat(0.5), 2, tmp_path, samples=8, atlas_size=32).radiance
-    traced = bowl_stage.rays.rays
-    again = render(bowl_stage, flat(0.5), 2, tmp_path, samples=8, atlas_size=32).radiance
+def test_the_operators_are_kept_and_reused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
+    stages = [Stage(bowl(), [camera_at((0.0, 0.0, 4.0), pixels=24, field_of_view=24.0)]) for _ in range(2)]
+    first, again = (render(stage, flat(0.5), samples=8, bounces=2, atlas_size=32).radiance for stage in stages)
     assert torch.equal(first, again)
-    assert bowl_stage.rays.rays - traced < 20_000  # the bake alone takes a hundred thousand
+    assert stages[1].rays.rays < 20_000  # the bake alone takes a hundred thousand
     assert len(list(tmp_path.glob("interreflection-*.safetensors"))) == 1
 
 
 def test_a_layered_coat_conserves_energy() -> None:
     """A white ball in a white furnace disappears: what the coat reflects and what it passes on make 1 (1 % of noise)."""
-    stage = Stage.of(sphere(3), [camera_at((2.0, 1.0, 1.5))])
-    pixels = torch.arange(len(stage.gbuffer.pixel))
+    stage = Stage(sphere(3), [camera_at((2.0, 1.0, 1.5))])
     for roughness in (0.1, 0.5, 1.0):
-        renderer = Renderer(stage.surface, NoShadows(), coat="layered")
-        generator = torch.Generator().manual_seed(0)
-        rendered = renderer.render_pixels(stage.gbuffer, pixels, flat(1.0, roughness), SampledLight.of(WHITE), 1024, generator)
+        rendered = render(stage, flat(1.0, roughness), samples=1024, shadows="none", coat="layered")
         assert float((rendered.radiance / rendered.albedo).mean()) == pytest.approx(1.0, abs=0.01)

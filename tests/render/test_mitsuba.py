@@ -1,11 +1,10 @@
 """Our renderer against Mitsuba 3: images and gradients, within the noise of both.
 
-A case is a BSDF and a path depth (2 is direct light alone). Needs the extra `mitsuba` and libLLVM (docs/verification.md);
+Needs the extra `mitsuba` and libLLVM (docs/verification.md);
 skipped without them.
 """
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,13 +16,11 @@ from shapes import bowl, camera_at
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.indirect import bake_interreflection
-from ia_bench.render.renderer import Renderer, TracedShadows
 
-pytestmark = [pytest.mark.verify, pytest.mark.slow]
+pytestmark = [pytest.mark.verify, pytest.mark.slow, pytest.mark.usefixtures("own_cache")]
 
-DIRECT = 2
-CASES = [("diffuse", DIRECT), ("equation2", DIRECT)]
+DIRECT = 2  # the path depth of direct light alone
+BSDFS = ("diffuse", "equation2")
 REPEATS, SAMPLES, PASSES = 48, 512, 8  # of each renderer; ours takes its samples in passes of 64
 
 
@@ -43,23 +40,16 @@ def facing(twin: Twin) -> torch.Tensor:
 
     At smaller ones the two treat directions between the horizons of the triangle and of its smooth normal differently.
     """
-    every = torch.arange(len(twin.stage.gbuffer.pixel))
-    points = twin.stage.points(every)
-    chosen = every[(points.normal * points.view).sum(-1) > 0.1]
-    assert len(chosen) > 0.9 * len(every)
+    points = twin.stage.points(twin.stage.every)
+    chosen = twin.stage.every[(points.normal * points.view).sum(-1) > 0.1]
+    assert len(chosen) > 0.9 * len(points.view)
     return chosen
 
 
 def ours(twin: Twin, bsdf: str, pixels: torch.Tensor, leaves: dict[str, torch.Tensor], seed: int) -> torch.Tensor:
     """Radiance (P, 3) of G-buffer entries ``pixels`` from SAMPLES directions each, direct light, differentiable in ``leaves``."""
-    part = twin.stage.renderer().render_pixels(
-        twin.stage.gbuffer,
-        pixels.repeat(PASSES),
-        Material(leaves["albedo"], leaves["roughness"]),
-        SampledLight.of(leaves["light"]),
-        SAMPLES // PASSES,
-        torch.Generator().manual_seed(seed),
-    )
+    material, light = Material(leaves["albedo"], leaves["roughness"]), SampledLight.of(leaves["light"])
+    part = twin.stage.estimate(pixels.repeat(PASSES), material, light, SAMPLES // PASSES, seed)
     radiance = part.diffuse if bsdf == "diffuse" else part.radiance
     return radiance.reshape(PASSES, len(pixels), 3).mean(0)
 
@@ -68,25 +58,25 @@ def leaves_of(twin: Twin) -> dict[str, torch.Tensor]:
     return {name: torch.tensor(getattr(twin, name), requires_grad=True) for name in ("albedo", "roughness", "light")}
 
 
-@pytest.mark.parametrize(("bsdf", "max_depth"), CASES)
-def test_images_agree(mi: Any, twin: Twin, facing: torch.Tensor, bsdf: str, max_depth: int) -> None:
+@pytest.mark.parametrize("bsdf", BSDFS)
+def test_images_agree(mi: Any, twin: Twin, facing: torch.Tensor, bsdf: str) -> None:
     """Every pixel and channel, and their sum to 0.05 %; the silhouettes are the same but for one pixel at most."""
-    theirs = MitsubaTwin(mi, twin, bsdf=bsdf, max_depth=max_depth)
+    theirs = MitsubaTwin(mi, twin, bsdf=bsdf, max_depth=DIRECT)
     images = np.stack([theirs.image(SAMPLES, seed) for seed in range(REPEATS)]).reshape(REPEATS, -1, 3)
-    covered = twin.stage.gbuffer.coverage().numpy().ravel() > 0
+    covered = twin.stage.seen.coverage().numpy().ravel() > 0
     assert np.count_nonzero(covered != (images.mean((0, 2)) > 0)) <= 1
     with torch.no_grad():
         found = np.stack([ours(twin, bsdf, facing, leaves_of(twin), seed).numpy() for seed in range(REPEATS)])
-    assert_same_mean(found, images[:, twin.stage.gbuffer.pixel[facing].numpy()], resolution=5e-4)
+    assert_same_mean(found, images[:, twin.stage.seen.pixel[facing].numpy()], resolution=5e-4)
 
 
-@pytest.mark.parametrize(("bsdf", "max_depth"), CASES)
-def test_gradients_agree(mi: Any, twin: Twin, facing: torch.Tensor, bsdf: str, max_depth: int) -> None:
+@pytest.mark.parametrize("bsdf", BSDFS)
+def test_gradients_agree(mi: Any, twin: Twin, facing: torch.Tensor, bsdf: str) -> None:
     """Of a random weighting of the pixels in every texel of albedo, roughness and light; in a texel to 1 % mostly."""
     proxy = torch.zeros(twin.camera.height * twin.camera.width, 3)
-    chosen = twin.stage.gbuffer.pixel[facing]
+    chosen = twin.stage.seen.pixel[facing]
     proxy[chosen] = torch.rand(len(facing), 3, generator=torch.Generator().manual_seed(2))
-    theirs = MitsubaTwin(mi, twin, bsdf=bsdf, max_depth=max_depth)
+    theirs = MitsubaTwin(mi, twin, bsdf=bsdf, max_depth=DIRECT)
     weights = proxy.reshape(twin.camera.height, twin.camera.width, 3).numpy()
     expected = [theirs.gradients(weights, SAMPLES, seed) for seed in range(REPEATS)]
     found: list[dict[str, np.ndarray]] = []
@@ -116,18 +106,14 @@ def bowl_twin(twin: Twin) -> Twin:
     return replace(twin, mesh=bowl(share=0.6), camera=camera, light=light)
 
 
-def bounced(twin: Twin, bounces: int, pixels: torch.Tensor, leaves: dict[str, torch.Tensor], cache: Path) -> torch.Tensor:
+def bounced(twin: Twin, bounces: int, pixels: torch.Tensor, leaves: dict[str, torch.Tensor]) -> torch.Tensor:
     """Radiance (P, 3) of G-buffer entries ``pixels``, of the diffuse lobe, differentiable in ``leaves``."""
-    stage = twin.stage
-    operators = bake_interreflection(stage.mesh, stage.surface, stage.rays, bounces, cache) if bounces else None
-    renderer = Renderer(stage.surface, TracedShadows(stage.rays, stage.surface.offset), interreflection=operators)
     material, light = Material(leaves["albedo"], leaves["roughness"]), SampledLight.of(leaves["light"])
-    draws = torch.Generator().manual_seed(0)
-    rendered = renderer.render_pixels(stage.gbuffer, pixels.repeat(PASSES), material, light, SAMPLES, draws)
+    rendered = twin.stage.estimate(pixels.repeat(PASSES), material, light, SAMPLES, bounces=bounces)
     return rendered.diffuse.reshape(PASSES, -1, 3).mean(0)
 
 
-def test_indirect_light_agrees(mi: Any, bowl_twin: Twin, tmp_path: Path) -> None:
+def test_indirect_light_agrees(mi: Any, bowl_twin: Twin) -> None:
     """Two bounces of a diffuse bowl, and their gradients, by path tracing and by our baked exchange between texels.
 
     The exchange is not exact in every pixel, so no test of noise: 2 % of the picture in RMS, 2 % of its indirect part in the
@@ -135,11 +121,11 @@ def test_indirect_light_agrees(mi: Any, bowl_twin: Twin, tmp_path: Path) -> None
     """
     theirs = {depth: MitsubaTwin(mi, bowl_twin, bsdf="diffuse", max_depth=depth) for depth in (DIRECT, DIRECT + BOUNCES)}
     expected = {depth: np.mean([side.image(4 * SAMPLES, seed) for seed in range(8)], 0) for depth, side in theirs.items()}
-    inside = torch.nonzero(bowl_twin.stage.points(torch.arange(len(bowl_twin.stage.gbuffer.pixel))).front)[:, 0]
+    inside = torch.nonzero(bowl_twin.stage.points(bowl_twin.stage.every).front)[:, 0]
     assert len(inside) > 300
-    seen = bowl_twin.stage.gbuffer.pixel[inside].numpy()
+    seen = bowl_twin.stage.seen.pixel[inside].numpy()
     leaves = leaves_of(bowl_twin)
-    found = {depth: bounced(bowl_twin, depth - DIRECT, inside, leaves, tmp_path) for depth in theirs}
+    found = {depth: bounced(bowl_twin, depth - DIRECT, inside, leaves) for depth in theirs}
     full, direct = (expected[depth].reshape(-1, 3)[seen] for depth in (DIRECT + BOUNCES, DIRECT))
     ours_full, ours_direct = (found[depth].detach().numpy() for depth in (DIRECT + BOUNCES, DIRECT))
     assert (full - direct).mean() > 0.2 * full.mean()

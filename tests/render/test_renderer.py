@@ -11,7 +11,7 @@ from stage import Stage
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.renderer import NoShadows, Renderer, texture_images
+from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
@@ -23,10 +23,10 @@ def test_ground_truth_through_the_renderer_is_cycles_direct_light(tiny: Scene, t
     The gap is the Principled BSDF, which takes from the diffuse part what it reflects, noise of both, and the pixel's
     footprint: with 2 x 2 points it is 30 dB, whatever the samples.
     """
-    stage = Stage.of(tiny.mesh, [view.camera for view in tiny.test], side=4)
+    stage = Stage(tiny.mesh, [view.camera for view in tiny.test], side=4)
     albedo, roughness = (torch.from_numpy(t).float() for t in (tiny.truth.albedo, tiny.truth.roughness))
     material = Material(albedo, roughness[..., None].clamp(0.03, 1))
-    ours = stage.renderer().render_images(stage.gbuffer, material, SampledLight.of(tiny_sun), 256, torch.Generator().manual_seed(0))
+    ours = stage.renderer().render_images(stage.seen, material, SampledLight.of(tiny_sun), 256, torch.Generator().manual_seed(0))
     theirs = np.stack([read_exr(tiny_folder / "direct" / "test" / f"{i:04d}.exr", 4) for i in range(4)])
     mask = theirs[..., 3] > 0.5
     a, b = (linear_to_srgb(image[mask].clip(0, 1)) for image in (ours["radiance"].numpy(), theirs[..., :3]))
@@ -40,9 +40,9 @@ def test_ground_truth_through_the_renderer_is_cycles_direct_light(tiny: Scene, t
 def test_texture_images_are_box_filtered_and_premultiplied() -> None:
     """A plate with columns of texels, two texels a pixel and four points a pixel, seen from straight above."""
     camera = camera_at((0, 0, 5), pixels=8)
-    stage = Stage.of(plate(5 * np.tan(np.radians(20)) * 6 / 8), [camera], side=2)
+    stage = Stage(plate(5 * np.tan(np.radians(20)) * 6 / 8), [camera], side=2)
     texture = torch.rand(12, 12, 2, generator=torch.Generator().manual_seed(1))
-    image = texture_images(stage.surface, stage.gbuffer, texture)
+    image = texture_images(stage.surface, stage.seen, texture)
     assert image.shape == (1, 8, 8, 2)
     expected = torch.zeros(8, 8, 2)
     expected[1:7, 1:7] = texture.reshape(6, 2, 6, 2, 2).mean((1, 3))
@@ -52,7 +52,7 @@ def test_texture_images_are_box_filtered_and_premultiplied() -> None:
 def test_the_same_generator_gives_the_same_picture(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor) -> None:
     def once(seed: int) -> torch.Tensor:
         light, rng = SampledLight.of(soft_light), torch.Generator().manual_seed(seed)
-        return tiny_stage.renderer().render_images(tiny_stage.gbuffer, tiny_material, light, 32, rng)["radiance"]
+        return tiny_stage.renderer().render_images(tiny_stage.seen, tiny_material, light, 32, rng)["radiance"]
 
     assert torch.equal(once(1), once(1))
     assert not torch.equal(once(1), once(2))
@@ -60,13 +60,10 @@ def test_the_same_generator_gives_the_same_picture(tiny_stage: Stage, tiny_mater
 
 def test_without_shadows_a_convex_mesh_is_the_same_to_the_last_bit() -> None:
     """With flat triangles a direction above the surface never meets it again."""
-    stage = Stage.of(sphere(2, smooth=False), [camera_at((2.0, 1.0, 1.5))])
+    stage = Stage(sphere(2, smooth=False), [camera_at((2.0, 1.0, 1.5))])
     light = SampledLight.of(torch.rand(8, 16, 3, generator=torch.Generator().manual_seed(1)))
-    grey, pixels = Material(torch.full((2, 2, 3), 0.5), torch.full((2, 2, 1), 0.5)), torch.arange(len(stage.gbuffer.pixel))
-    traced, none = (
-        stage.renderer(shadows=shadows).render_pixels(stage.gbuffer, pixels, grey, light, 256, torch.Generator().manual_seed(0))
-        for shadows in (True, False)
-    )
+    grey = Material(torch.full((2, 2, 3), 0.5), torch.full((2, 2, 1), 0.5))
+    traced, none = (stage.estimate(stage.every, grey, light, 256, shadows=shadows) for shadows in ("traced", "none"))
     assert stage.rays.rays > 10_000
     assert torch.equal(traced.radiance, none.radiance)
 
@@ -74,10 +71,10 @@ def test_without_shadows_a_convex_mesh_is_the_same_to_the_last_bit() -> None:
 def test_points_that_miss_count_as_nothing() -> None:
     """At half covered pixels the radiance is half that of the plate's inside."""
     camera = camera_at((0, 0, 5), pixels=12)
-    stage = Stage.of(plate(5 * np.tan(np.radians(20)) * 7 / 12), [camera], side=2)
+    stage = Stage(plate(5 * np.tan(np.radians(20)) * 7 / 12), [camera], side=2)
     material = Material(torch.full((2, 2, 3), 0.5), torch.ones(2, 2, 1))
     images = stage.renderer().render_images(
-        stage.gbuffer, material, SampledLight.of(torch.ones(8, 16, 3)), 512, torch.Generator().manual_seed(3)
+        stage.seen, material, SampledLight.of(torch.ones(8, 16, 3)), 512, torch.Generator().manual_seed(3)
     )
     assert float(images["diffuse"][0, 4:8, 4:8].mean()) == pytest.approx(0.5, rel=0.02)
     assert float(images["diffuse"][0, 2, 3:9].mean()) == pytest.approx(0.25, rel=0.05)
@@ -96,9 +93,8 @@ def test_points_that_miss_count_as_nothing() -> None:
     ],
 )
 def test_textures_of_another_shape_are_refused(shape: tuple[int, ...], where: int, wanted: str) -> None:
-    stage = Stage.of(sphere(2), [camera_at((2.0, 1.0, 1.5), pixels=16)])
+    stage = Stage(sphere(2), [camera_at((2.0, 1.0, 1.5), pixels=16)])
     textures = [torch.zeros(4, 4, 3), torch.full((4, 4, 1), 0.5), torch.zeros(4, 4, 1)]
     textures[where] = torch.full(shape, 0.5)
-    light, rng = SampledLight.of(torch.ones(2, 4, 3)), torch.Generator().manual_seed(0)
     with pytest.raises(ValueError, match=re.escape(wanted)):
-        Renderer(stage.surface, NoShadows()).render_pixels(stage.gbuffer, torch.arange(3), Material(*textures), light, 4, rng)
+        stage.estimate(torch.arange(3), Material(*textures), SampledLight.of(torch.ones(2, 4, 3)), 4)

@@ -6,7 +6,6 @@ Both draw the same samples, so they agree to rounding, but for the few rays that
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,11 +18,11 @@ from ia_bench.capture.turntable import fitted_circles, turning_light
 from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.indirect import bake_interreflection
-from ia_bench.render.renderer import PixelRadiance, Renderer, TracedShadows
 from ia_bench.render.turns import spread_turns
 from ia_bench.scenes.scene import Camera, Mesh, View
 from ia_bench.scenes.turning import TurningLight, rotation_about
+
+pytestmark = pytest.mark.usefixtures("own_cache")
 
 AXIS = np.array([0.36, -0.48, 0.8])
 ANGLES = (0.0, 0.7, 2.9, -1.4)
@@ -39,6 +38,10 @@ def turned_camera(camera: Camera, rotation: np.ndarray) -> Camera:
     to_world = camera.to_world.copy()
     to_world[:3] = rotation @ camera.to_world[:3]
     return replace(camera, to_world=to_world)
+
+
+def turning_with(camera: Camera, axis: np.ndarray | None = AXIS) -> TurningLight:
+    return TurningLight(tuple(map(tuple, camera.to_world[:3])), None if axis is None else tuple(axis))
 
 
 @pytest.fixture(scope="module")
@@ -64,22 +67,16 @@ def material() -> Material:
     return Material(0.1 + 0.8 * torch.rand(16, 16, 3, generator=rng), 0.1 + 0.8 * torch.rand(16, 16, 1, generator=rng))
 
 
-def rendered(
-    stage: Stage, material: Material, light: SampledLight, *, bounces: int = 0, cache: Path = Path(), controlled: bool = False
-) -> PixelRadiance:
-    shadows, geometry = TracedShadows(stage.rays, stage.surface.offset), (stage.mesh, stage.surface, stage.rays)
-    bounced = bake_interreflection(*geometry, bounces, cache, controlled=controlled) if bounces else None
-    pixels = torch.arange(len(stage.gbuffer.pixel))
-    renderer = Renderer(stage.surface, shadows, interreflection=bounced)
-    return renderer.render_pixels(stage.gbuffer, pixels, material, light, 128, torch.Generator().manual_seed(1))
+def rendered(stage: Stage, material: Material, light: SampledLight, **settings: object) -> torch.Tensor:
+    return stage.estimate(stage.every, material, light, 128, seed=1, **settings).radiance
 
 
 def compared(mesh: Mesh, camera: Camera, rotation: np.ndarray) -> tuple[Stage, Stage, torch.Tensor]:
     """The turned mesh before the camera, the mesh before the turned camera, and which entries of both see the same triangles."""
-    recipe = Stage.of(turned_mesh(mesh, rotation), [camera])
-    moved = Stage.of(mesh, [turned_camera(camera, rotation.T)])
-    assert torch.equal(recipe.gbuffer.pixel, moved.gbuffer.pixel)  # or else other samples are drawn
-    same = (recipe.gbuffer.face == moved.gbuffer.face).all(1)
+    recipe = Stage(turned_mesh(mesh, rotation), [camera])
+    moved = Stage(mesh, [turned_camera(camera, rotation.T)])
+    assert torch.equal(recipe.seen.pixel, moved.seen.pixel)  # or else other samples are drawn
+    same = (recipe.seen.face == moved.seen.face).all(1)
     assert same.float().mean() > 0.995
     return recipe, moved, same
 
@@ -88,64 +85,63 @@ def compared(mesh: Mesh, camera: Camera, rotation: np.ndarray) -> tuple[Stage, S
 @pytest.mark.parametrize("fixed_to", ["axis", "camera"])
 def test_a_turned_object_is_a_moved_camera_in_a_turned_light(mesh, light, material, angle, fixed_to):
     camera = camera_at((2.0, -3.0, 1.5), pixels=40)
-    start = tuple(map(tuple, camera.to_world[:3]))
-    turning = TurningLight(start, tuple(AXIS) if fixed_to == "axis" else None)
+    turning = turning_with(camera, AXIS if fixed_to == "axis" else None)
     rotation = rotation_about(AXIS, angle)
     recipe, moved, same = compared(mesh, camera, rotation)
-    expected = rendered(recipe, material, SampledLight.of(light)).radiance[same]
-    found = rendered(moved, material, SampledLight.of(light, turning=turning)).radiance[same]
+    expected = rendered(recipe, material, SampledLight.of(light))[same]
+    found = rendered(moved, material, SampledLight.of(light, turning=turning))[same]
     worst = (found - expected).abs().amax(1)
     assert worst.quantile(0.99) < 1e-4, f"{worst.max():.2g}"
     assert (found - expected).abs().mean() < 1e-4 * expected.mean()
     if angle:
-        static = rendered(moved, material, SampledLight.of(light)).radiance[same]
+        static = rendered(moved, material, SampledLight.of(light))[same]
         assert (static - expected).abs().mean() > 0.05 * expected.mean()
 
 
-def test_light_that_the_object_throws_onto_itself_turns_too(mesh, light, material, tmp_path):
+def test_light_that_the_object_throws_onto_itself_turns_too(mesh, light, material):
     camera, rotation = camera_at((2.0, -3.0, 1.5), pixels=40), rotation_about(AXIS, 2.0)
-    turning = TurningLight(tuple(map(tuple, camera.to_world[:3])), tuple(AXIS))
+    turning = turning_with(camera)
     recipe, moved, same = compared(mesh, camera, rotation)
     parts = [
-        rendered(stage, material, lit, bounces=2, cache=tmp_path)
+        rendered(stage, material, lit, bounces=2)
         for stage, lit in ((recipe, SampledLight.of(light)), (moved, SampledLight.of(light, turning=turning)))
     ]
-    direct = rendered(moved, material, SampledLight.of(light, turning=turning)).radiance
-    expected, found = ((part.radiance - direct)[same] for part in parts)
+    direct = rendered(moved, material, SampledLight.of(light, turning=turning))
+    expected, found = ((part - direct)[same] for part in parts)
     assert float((found - expected).abs().mean() / expected.mean()) < 0.1  # rays and cells of the sky differ
 
 
-def test_views_see_their_own_turn_whether_they_are_rendered_alone_or_together(mesh, light, material, tmp_path):
+def test_views_see_their_own_turn_whether_they_are_rendered_alone_or_together(mesh, light, material):
     cameras = [turned_camera(camera_at((2.0, -3.0, 1.5), pixels=20), rotation_about(AXIS, angle)) for angle in ANGLES]
-    turning = TurningLight(tuple(map(tuple, cameras[0].to_world[:3])), tuple(AXIS))
+    turning = turning_with(cameras[0])
     lit = SampledLight.of(light, turning=turning)
 
     def mean(stage: Stage) -> torch.Tensor:
-        radiance = rendered(stage, material, lit, bounces=1, cache=tmp_path).radiance
-        return torch.stack([radiance[stage.gbuffer.view() == view].mean(0) for view in range(stage.gbuffer.shape[0])])
+        radiance = rendered(stage, material, lit, bounces=1)
+        return torch.stack([radiance[stage.seen.view() == view].mean(0) for view in range(stage.seen.shape[0])])
 
-    alone = torch.cat([mean(Stage.of(mesh, [camera])) for camera in cameras])
-    torch.testing.assert_close(mean(Stage.of(mesh, cameras)), alone, rtol=0.02, atol=0)
+    alone = torch.cat([mean(Stage(mesh, [camera])) for camera in cameras])
+    torch.testing.assert_close(mean(Stage(mesh, cameras)), alone, rtol=0.02, atol=0)
 
 
-def test_there_is_no_control_variate_under_a_light_that_turns(mesh, light, material, tmp_path):
+def test_there_is_no_control_variate_under_a_light_that_turns(mesh, light, material):
     camera = camera_at((2.0, -3.0, 1.5), pixels=20)
-    stage, turning = Stage.of(mesh, [camera]), TurningLight(tuple(map(tuple, camera.to_world[:3])), tuple(AXIS))
+    stage, turning = Stage(mesh, [camera]), turning_with(camera)
     lit = SampledLight.of(light, turning=turning)
-    plain, asked = (rendered(stage, material, lit, bounces=1, cache=tmp_path, controlled=one).radiance for one in (False, True))
+    plain, asked = (rendered(stage, material, lit, bounces=1, control_variate=one) for one in (False, True))
     assert torch.equal(plain, asked)
 
 
-def test_gradients_are_those_of_the_picture(mesh, light, material, tmp_path):
+def test_gradients_are_those_of_the_picture(mesh, light, material):
     """In a direction of the light's space, which enters directly and by way of the object: against a difference."""
     cameras = [turned_camera(camera_at((2.0, -3.0, 1.5), pixels=12), rotation_about(AXIS, angle)) for angle in ANGLES]
-    turning, stage = TurningLight(tuple(map(tuple, cameras[0].to_world[:3])), tuple(AXIS)), Stage.of(mesh, cameras)
+    turning, stage = turning_with(cameras[0]), Stage(mesh, cameras)
     sampler = SampledLight.of(light).sampler
     change = torch.rand(light.shape, generator=torch.Generator().manual_seed(3))
 
     def loss(radiance: torch.Tensor, albedo: torch.Tensor) -> torch.Tensor:
         lit = SampledLight(radiance, sampler, turning)
-        return rendered(stage, replace(material, albedo=albedo), lit, bounces=2, cache=tmp_path).radiance.square().mean()
+        return rendered(stage, replace(material, albedo=albedo), lit, bounces=2).square().mean()
 
     leaves = light.clone().requires_grad_(True), material.albedo.clone().requires_grad_(True)
     loss(*leaves).backward()

@@ -1,6 +1,5 @@
 """Synthetic run folders, written as a run writes them."""
 
-import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -74,20 +73,9 @@ def perfect_run(tmp_path: Path, tiny: Scene, tiny_folder: Path, put_on_scene: Ca
     write_exr(folder / "roughness.exr", truth.roughness, half=False)
     write_exr(folder / "light.exr", truth.lights["train"] * SCALE, half=False)
     psnr = {"psnr": 40.0, "ssim": 1.0}
-    metrics = {
-        "schema": 2,
-        "status": "ok",
-        "protocol": "paper-v2",
-        "config_hash": "0",
-        "reasons": {"relighting.psnr": "no light"},
-        "row": "perfect",
-        "scene": "tiny",
-        "seed": 0,
-        "protocol_description": {"alignment": "mean_rgb"},
-        "albedo_scales": {"mean_rgb": [SCALE] * 3},
-        "plan": {"needed": [{"what": "render.bounces", "value": 2}]},
-        "metrics": {"aligned_albedo": psnr, "view_synthesis": psnr, "relighting": {"psnr": None}, "roughness": {"mse": 0.0}},
-    }
-    (folder / "metrics.json").write_text(json.dumps(metrics))
+    scores = {"aligned_albedo": psnr, "view_synthesis": psnr, "relighting": {"psnr": None}, "roughness": {"mse": 0.0}}
+    protocol = {"protocol": "paper-v2", "protocol_description": {"alignment": "mean_rgb"}}
+    told = {"metrics": scores, "reasons": {"relighting.psnr": "no light"}, "albedo_scales": {"mean_rgb": [SCALE] * 3}}
+    write_record(folder, "perfect", scene="tiny", **protocol, **told)
     put_on_scene(folder, tiny_folder)
     return folder

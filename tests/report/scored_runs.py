@@ -1,5 +1,6 @@
 """Runs as a report reads them, without their folders."""
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -17,3 +18,9 @@ def put_setup(folder: Path, identity: dict[str, Any] | None = None, **more: obje
     """Write the config.json of a run folder: what decides its numbers, and ``config`` and ``command``."""
     (folder / "config.json").write_text(json.dumps({"config_hash": "0", "identity": identity or {}, **more}))
     return folder
+
+
+def lines_of(path: Path, *keys: str) -> dict[object, dict[str, str]]:
+    """The lines of a CSV file by some of their columns."""
+    with path.open(newline="") as file:
+        return {tuple(line[key] for key in keys): line for line in csv.DictReader(file)}

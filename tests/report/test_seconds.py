@@ -1,6 +1,5 @@
 """Gains at equal seconds and the Pareto front, against numbers worked out by hand."""
 
-import csv
 import math
 from dataclasses import replace
 from itertools import combinations
@@ -8,23 +7,12 @@ from pathlib import Path
 
 import pytest
 from scipy.stats import ttest_1samp
-from scored_runs import scored
+from scored_runs import lines_of, scored
 
+from ia_bench.report import seconds
 from ia_bench.report.collect import Record, as_table
 from ia_bench.report.curves import draw_pareto
-from ia_bench.report.seconds import (
-    CPU,
-    STATED,
-    WALL,
-    WORTH_METRICS,
-    Timing,
-    best_after,
-    compared,
-    points,
-    seconds_records,
-    seconds_table,
-    timing,
-)
+from ia_bench.report.seconds import WORTH_METRICS, Timing, best_after, points, seconds_records, seconds_table, timing
 from ia_bench.report.write import write_report
 from ia_bench.runs.table import Row, Table
 from ia_bench.scores.metrics import METRIC_OF
@@ -37,13 +25,7 @@ TABLE = Table(
 )
 SPENT = {"none": 10.0, "twice": 20.0, "four times": 40.0, "ours": 10 * math.sqrt(8), "slow": 80.0}
 SAME = {"cpu": "Abacus 2", "threads": 1, "commit": "0" * 40}
-HIGH = {
-    "none": 20.0,
-    "twice": 22.0,
-    "four times": 21.0,
-    "ours": 25.0,
-    "slow": 26.0,
-}  # of the first scene: steps cost it after a while
+HIGH = {"none": 20.0, "twice": 22.0, "four times": 21.0, "ours": 25.0, "slow": 26.0}  # steps cost it after a while
 RISING = {"none": 20.0, "twice": 22.0, "four times": 26.0, "ours": 25.0, "slow": 26.0}
 
 
@@ -83,7 +65,7 @@ def test_the_best_so_far_is_straight_in_the_logarithm_between_what_is_better_tha
 
 def test_gains_at_equal_seconds_are_taken_scene_by_scene() -> None:
     """``ours`` takes sqrt(8) times as long, half way from twice to four times as long in the logarithm: 22 dB, and 24 dB."""
-    found = compared(as_table(records()), clocked(records()), ALBEDO)
+    found = clocked(records()).compared(ALBEDO)
     assert found["ours"].gain.pairs == {"falls": {0: 5.0}, "rises": {0: 5.0}}
     assert found["ours"].equal.pairs["falls"][0] == pytest.approx(3.0)
     assert found["ours"].equal.pairs["rises"][0] == pytest.approx(1.0)
@@ -94,7 +76,7 @@ def test_gains_at_equal_seconds_are_taken_scene_by_scene() -> None:
 
 
 def test_less_error_is_better() -> None:
-    found = compared(as_table(records()), clocked(records()), ROUGHNESS)
+    found = clocked(records()).compared(ROUGHNESS)
     between = (1 / 22 + 1 / 26) / 2
     assert found["ours"].equal.pairs["rises"][0] == pytest.approx(between - 1 / 25)
     assert found["ours"].front
@@ -102,36 +84,36 @@ def test_less_error_is_better() -> None:
 
 def test_scenes_and_seeds_count_that_the_whole_curve_has() -> None:
     some = [one for one in records(2) if (one["row"], one["seed"]) != ("twice", 1)]
-    found = compared(as_table(some), clocked(some), ALBEDO)
+    found = clocked(some).compared(ALBEDO)
     assert found["ours"].gain.count == 4
     assert found["ours"].equal.count == 2
     assert {seed for seeds in found["ours"].equal.pairs.values() for seed in seeds} == {0}
     some = [one for one in records() if one["row"] != "four times"]  # a row of the curve that nobody has run is none of it
-    assert compared(as_table(some), clocked(some), ALBEDO)["slow"].equal.pairs == {"falls": {0: 4.0}, "rises": {0: 4.0}}
+    assert clocked(some).compared(ALBEDO)["slow"].equal.pairs == {"falls": {0: 4.0}, "rises": {0: 4.0}}
 
 
 def test_the_front_is_what_nobody_beats_in_less_time() -> None:
-    found = compared(as_table(records()), clocked(records()), ALBEDO)
+    found = clocked(records()).compared(ALBEDO)
     assert [row for row, one in found.items() if one.front] == ["none", "twice", "ours", "slow"]
     assert found["four times"].score == pytest.approx(23.5)
     seen = [one | {"sees_truth": one["row"] == "ours"} for one in records()]
-    found = compared(as_table(seen), clocked(seen), ALBEDO)
+    found = clocked(seen).compared(ALBEDO)
     assert [row for row, one in found.items() if one.front] == ["none", "twice", "four times", "slow"], "the truth is no competitor"
     assert found["ours"].gain.count == 2
     few = [one for one in records() if (one["row"], one["scene"]) != ("ours", "falls")]
-    assert compared(as_table(few), clocked(few), ALBEDO)["ours"].score is None, "a row that lacks a scene is not ranked"
+    assert clocked(few).compared(ALBEDO)["ours"].score is None, "a row that lacks a scene is not ranked"
 
 
 def test_cpu_seconds_count_where_every_run_has_them_then_costs_of_the_table_then_the_wall_clock() -> None:
-    assert clocked(records()).counted == CPU
+    assert clocked(records()).counted == seconds.CPU
     busy = [one | {"seconds": 1000.0} for one in records()]
     assert clocked(busy).clocks[0].costs["twice"] == pytest.approx(2.0)
     former = [one | ({"cpu_seconds": None} if one["row"] == "none" else {}) for one in records()]
-    assert clocked(former).counted == WALL
+    assert clocked(former).counted == seconds.WALL
     costs = {"none": 2.0, "twice": 3.0, "ours": 4.0}
     stated = replace(TABLE, rows=[replace(row, cost=costs.get(row.name)) for row in TABLE.rows])
     time = clocked(former, stated)
-    assert time.counted == STATED
+    assert time.counted == seconds.STATED
     assert time.clocks[0].costs == {"none": 1.0, "twice": 1.5, "ours": 2.0}
     assert time.clocks[0].curve == ("none", "twice")
 
@@ -147,7 +129,7 @@ def test_the_first_sentence_says_what_spoils_the_comparison() -> None:
     assert clocked(cpus).told.startswith("Runs differ in cpu (Intel(R) Xeon(R) 8370C, Intel(R) Xeon(R) 8481C): ")
     alone = clocked(records(), replace(TABLE, curve=[]))
     assert "“none” was not run with more work" in alone.told
-    assert compared(as_table(records()), alone, ALBEDO)["ours"].beyond
+    assert alone.compared(ALBEDO)["ours"].beyond
 
 
 def test_seconds_of_others_and_rows_without_a_run_of_the_reference_are_left_out() -> None:
@@ -157,7 +139,7 @@ def test_seconds_of_others_and_rows_without_a_run_of_the_reference_are_left_out(
         run("ours", "falls", 0, 30.0) | {"row": "brought", "declared": "yes"},
     ]
     assert set(clocked(more).clocks[0].costs) == set(SPENT)
-    lines = {cells[0]: cells[1:4] for cells in seconds_table(as_table(more), clocked(more), 2).body}
+    lines = {cells[0]: cells[1:4] for cells in seconds_table(clocked(more), 2).body}
     assert lines["brought"] == ["–", "+10.00 (1/2)", "–"], "what it gains is known all the same"
     assert timing(as_table(records()), replace(TABLE, reference=None), None) is None
     assert timing(as_table(records(seconds=0.0)), TABLE, "none") is None
@@ -170,8 +152,7 @@ def test_the_report_has_the_table_the_picture_and_the_numbers(tmp_path: Path) ->
     assert "| slow | 8.00 | +6.00 ± 0.00 / 0.00 / 0.00 | +2.00 ± 0.00 / 25.41 / 44.02 \\> | yes |" in text
     assert "| none | 1.00 | – | – | yes |" in text
     assert {"pareto.png", "pareto.svg", "seconds.csv"} <= {path.name for path in report.files}
-    lines = {(one["row"], one["metric"]): one for one in csv.DictReader((tmp_path / "seconds.csv").open())}
-    ours = lines["ours", "aligned_albedo.psnr"]
+    ours = lines_of(tmp_path / "seconds.csv", "row", "metric")["ours", "aligned_albedo.psnr"]
     assert (float(ours["equal_seconds"]), ours["front"], ours["beyond_curve"]) == (pytest.approx(2.0), "True", "False")
     write_report([], tmp_path, replace(TABLE, reference=None, curve=[]), records(2))
     assert not (tmp_path / "pareto.png").exists(), "of a former report"
@@ -186,7 +167,7 @@ def test_a_report_without_these_scores_compares_no_seconds(tmp_path: Path) -> No
 
 
 def test_the_picture_has_rows_from_the_cheapest_to_the_dearest() -> None:
-    found = points(as_table(records()), clocked(records()))
+    found = points(clocked(records()))
     assert [row["row"] for row in found[0]["rows"]] == sorted(SPENT, key=SPENT.__getitem__)
     figure = draw_pareto(found)
     assert [panel.get_title() for panel in figure.axes] == ["Aligned albedo PSNR", "Relighting PSNR"]
@@ -204,7 +185,7 @@ def test_what_is_decided_at_equal_seconds_is_so_among_all_rows_that_the_curve_ju
     gained = {"none": (0.0,) * 3, "four times": (0.0,) * 3, "ours": (1.0, 2.0, 1.4), "slow": (-1.0, 1.0, 0.1)}
 
     def told(some: list[Record]) -> dict[str, tuple[float | None, bool | None]]:
-        found = [one for one in seconds_records(as_table(some), clocked(some)) if one["metric"] == ALBEDO.key]
+        found = [one for one in seconds_records(clocked(some)) if one["metric"] == ALBEDO.key]
         return {one["row"]: (one["equal_seconds_p_value"], one["equal_seconds_decided"]) for one in found}
 
     def made(seconds: float) -> list[Record]:
@@ -236,7 +217,7 @@ def test_the_table_of_captures_calls_rows_by_their_whole_names() -> None:
     table = replace(TABLE, captures=[{"views": 8}])
     some = [one | {"row": f"{one['row']}, 8 views"} for one in records()]
     time = clocked(some, table)
-    printed = seconds_table(as_table(some), time, 2)
+    printed = seconds_table(time, 2)
     assert printed.header[1] == "Seconds / none"
     assert [cells[0] for cells in printed.body] == [f"{row.name}, 8 views" for row in TABLE.rows]
     assert "“twice” (2.00)" in time.told

@@ -7,17 +7,7 @@ from scored_runs import scored
 
 from ia_bench.report.blocks import Block, block
 from ia_bench.report.collect import Record, as_table
-from ia_bench.report.statistics import (
-    Estimate,
-    Paired,
-    Verdict,
-    holm,
-    judge,
-    over_scenes,
-    paired,
-    side_by_side,
-    tally,
-)
+from ia_bench.report.statistics import Estimate, Paired, Verdict, holm, judge, over_scenes, paired, side_by_side, tally
 from ia_bench.runs.table import Claim
 from ia_bench.scores.metrics import METRICS
 

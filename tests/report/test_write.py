@@ -1,6 +1,5 @@
 """The whole report from run folders: every format, the paper's block, failures, foreign protocols, independence."""
 
-import csv
 import math
 import re
 from collections.abc import Callable
@@ -8,17 +7,17 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from scored_runs import put_setup, scored
+from scored_runs import lines_of, put_setup, scored
 from spoils import edited
 
 from ia_bench.common.errors import InputError
 from ia_bench.report.collect import NOT_SCORED, Collection, as_table, collect
 from ia_bench.report.findings import analyse
-from ia_bench.report.table import best_paper_methods, left_out, paper_rows, parts, results_table
+from ia_bench.report.table import left_out, paper_rows, paper_table, parts, results_table
 from ia_bench.report.write import Report, tex, write_report
 from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.table import Claim, Row, Table
-from ia_bench.scores.metrics import MEASURED, METRICS
+from ia_bench.scores.metrics import MEASURED
 
 Write = Callable[..., Path]
 ROOT = Path(__file__).parents[2]
@@ -67,7 +66,7 @@ def test_rows_stand_beside_the_papers_and_beside_the_reference_renderer(tmp_path
     write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out", Table(rows=[Row("split sums", [], paper="NvDiffrec*")]))
     latex = (tmp_path / "out" / "table.tex").read_text()
     assert "\\textbf{33.12}" in latex  # TensoIR's view synthesis, bold in the paper too
-    paper = read(tmp_path / "out", "table", "scene", "row")["the paper's scenes", "Ours"]
+    paper = lines_of(tmp_path / "out" / "table.csv", "scene", "row")["the paper's scenes", "Ours"]
     assert float(paper["relighting_psnr"]) == 28.9721
     tables = (tmp_path / "out" / "report.md").read_text().partition("### The paper's own figures")[0].partition("### Rows with")[2]
     own, _, beside = tables.partition("### Rows beside")
@@ -84,23 +83,16 @@ def test_a_row_that_the_paper_has_not_is_named(tmp_path: Path, write_run: Callab
     assert not (tmp_path / "out").exists()
 
 
-def read(out: Path, name: str, *keys: str) -> dict[object, dict[str, str]]:
-    """The lines of a CSV by some of their columns."""
-    with (out / f"{name}.csv").open(newline="") as file:
-        lines = list(csv.DictReader(file))
-    return {tuple(line[key] for key in keys): line for line in lines}
-
-
 def test_csv_holds_the_numbers(report: Report, out: Path) -> None:
-    ours = read(out, "table", "scene", "row")["mean over scenes", "ours"]
+    ours = lines_of(out / "table.csv", "scene", "row")["mean over scenes", "ours"]
     assert float(ours["albedo_psnr"]) == (20.5 + 24.5) / 2
     assert float(ours["albedo_psnr_half_width"]) > 0
     assert (ours["failed"], ours["runs"]) == ("1", "5")
-    differences = read(out, "differences", "row", "metric", "scene")
+    differences = lines_of(out / "differences.csv", "row", "metric", "scene")
     mean = differences["ours", "albedo.psnr", "mean over scenes"]
     assert (mean["difference"], mean["half_width_over_seeds"], mean["half_width_over_scenes"]) == ("4.0", "", "0.0")
     assert (mean["pairs"], mean["carried_by"], mean["reference"]) == ("2", "", "none")  # of the seed that both rows have
-    claims = read(out, "claims", "better", "scene")
+    claims = lines_of(out / "claims.csv", "better", "scene")
     assert (claims["ours", "hat"]["difference"], claims["ours", "mean over scenes"]["outcome"]) == ("4.0", "reproduced")
     assert claims["later", "mean over scenes"]["difference"] == ""
 
@@ -184,20 +176,10 @@ def test_latex_escapes_every_special_character() -> None:
 def test_the_papers_bold_figures_are_the_papers() -> None:
     rows = paper_rows()
     assert len(rows) == 13
-    best = [best_paper_methods(rows, metric) for metric in METRICS]
+    methods, *figures = zip(*paper_table(rows).body, strict=True)
+    best = [{method for method, one in zip(methods, column, strict=True) if one.best} for column in figures]
     ours, guided_less = {"Ours"}, {"Ours w/o albedo"}
-    assert best == [
-        *[ours] * 3,
-        ours,
-        {"TensoIR"},
-        ours,
-        {"TensoIR"},
-        *[{"NvDiffrec"}] * 2,
-        ours,
-        ours,
-        guided_less,
-        ours,
-    ]
+    assert best == [*[ours] * 3, ours, {"TensoIR"}, ours, {"TensoIR"}, *[{"NvDiffrec"}] * 2, ours, ours, guided_less, ours]
 
 
 def test_each_reason_of_a_null_is_one_footnote_wherever_it_holds(write_run: Write, tmp_path: Path) -> None:
@@ -229,7 +211,7 @@ def test_each_reason_of_a_null_is_one_footnote_wherever_it_holds(write_run: Writ
     latex = (tmp_path / "out" / "table.tex").read_text()
     assert "ours & --$^{1}$ &" in latex
     assert "$^{2}$ the method cannot predict it." in latex
-    (told,) = {line["reason"] for line in read(tmp_path / "out", "runs", "scene").values() if line["scene"] == "hat"}
+    (told,) = {line["reason"] for line in lines_of(tmp_path / "out" / "runs.csv", "scene").values() if line["scene"] == "hat"}
     assert told.startswith("albedo.psnr: the scene has no such truth; aligned_albedo.psnr, view_synthesis.psnr, ")
 
 
@@ -256,7 +238,7 @@ def test_presets_threads_commits_and_changed_code_that_mix_stand_first(write_run
     assert header.endswith("| Failed | Preset | Threads | Commit |")
     assert "| 0/2 | quick | 1 | abc |\n" in text
     assert "different presets" in (tmp_path / "out" / "table.tex").read_text().partition("\\begin{tabular}")[0]
-    fast = read(tmp_path / "out", "table", "scene", "row")["mean over scenes", "fast"]
+    fast = lines_of(tmp_path / "out" / "table.csv", "scene", "row")["mean over scenes", "fast"]
     assert (fast["preset"], fast["threads"], fast["commit"]) == ("smoke", "2", "def+changes")
 
 

@@ -1,19 +1,11 @@
-"""A run folder, open, and the folders of shipped scenes."""
+"""The folders of shipped scenes."""
 
 import json
 from pathlib import Path
 
 import pytest
-from run_folders import CONFIG, HASH
 
 from ia_bench.common.paths import conf_folder
-from ia_bench.runs.folder import RunFolder
-
-
-@pytest.fixture
-def folder(tmp_path: Path):
-    with RunFolder(tmp_path / "runs" / "hat" / "none", CONFIG, HASH) as opened:
-        yield opened
 
 
 @pytest.fixture

@@ -6,17 +6,33 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
-from run_folders import CONFIG, HASH, LABELS, good_content, good_record
 
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.runs import folder as checkpoint
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.record import METRICS_FILE, RunRecord, RunSetup, finished_record
+
+HASH = "a" * 64
+CONFIG = {"seed": 0, "fit": {"pixels": 4096, "rates": {"light": 0.1}}}
+LABELS: dict[str, Any] = {"row": "none", "scene": "hat", "seed": 0, "protocol": "paper-v1"}
+
+
+@pytest.fixture
+def folder(tmp_path: Path):
+    with RunFolder(tmp_path / "runs" / "hat" / "none", CONFIG, HASH) as opened:
+        yield opened
+
+
+def good_record() -> RunRecord:
+    metrics = {"albedo": {"psnr": 20.0}, "roughness": {"mse": None}}
+    return RunRecord(**LABELS, config_hash=HASH, status="ok", metrics=metrics, reasons={"roughness.mse": "no ground truth"})
 
 
 def test_failure_is_recorded_and_is_not_finished(folder: RunFolder) -> None:
@@ -178,22 +194,15 @@ def test_checkpoint_of_other_code_is_reported_and_ignored(tmp_path: Path, monkey
     assert "another version of the code wrote it" in notes[0]
 
 
-def _checkpoint_with(part: Path, change) -> None:
-    content = bytearray(part.read_bytes())
-    changed = change(content)
-    part.write_bytes(content if changed is None else changed)
-
-
-def _flip(place: int):
-    def flip(content: bytearray) -> None:
-        content[place % len(content)] ^= 0x10
-
-    return flip
+def _flipped(content: bytes, place: int) -> bytes:
+    changed = bytearray(content)
+    changed[place] ^= 0x10
+    return changed
 
 
 DAMAGE = {
     **{f"truncated to {kept}": lambda content, kept=kept: content[:kept] for kept in (0, 100, -1)},
-    **{f"flipped at {place}": _flip(place) for place in (3, 40, 700, -30)},
+    **{f"flipped at {place}": partial(_flipped, place=place) for place in (3, 40, 700, -30)},
     "garbage": lambda content: bytes(range(256)) * 40,
     "of torch alone": lambda content: content[len(checkpoint.MAGIC) + checkpoint.DIGEST :],
 }
@@ -205,7 +214,8 @@ def test_no_bit_of_a_damaged_checkpoint_is_believed(tmp_path: Path, damage: str)
     with RunFolder(tmp_path, CONFIG, HASH, notes.append) as folder:
         folder.save_checkpoint({"weights": torch.zeros(1000)})
         assert folder.load_checkpoint() is not None
-        _checkpoint_with(tmp_path / "checkpoint.pt", DAMAGE[damage])
+        path = tmp_path / "checkpoint.pt"
+        path.write_bytes(DAMAGE[damage](path.read_bytes()))
         assert folder.load_checkpoint() is None
     assert len(notes) == 1
     assert "checkpoint.pt: checkpoint ignored, starting over" in notes[0]
@@ -232,7 +242,7 @@ def test_what_is_written_is_read(folder: RunFolder) -> None:
 
 def test_a_metric_more_or_less_and_a_key_of_a_later_version_are_read(tmp_path: Path) -> None:
     """A new metric changes no line of this room, and a record of before it has simply no such number."""
-    content = good_content() | {"metrics": {"gloss": {"error": 1.5}}, "weather": "rain"}
+    content = asdict(good_record()) | {"metrics": {"gloss": {"error": 1.5}}, "weather": "rain"}
     (tmp_path / METRICS_FILE).write_text(json.dumps(content))
     assert (RunRecord.read(tmp_path).score("gloss.error"), RunRecord.read(tmp_path).score("albedo.psnr")) == (1.5, None)
 
@@ -259,7 +269,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("change", "message"), WRONG, ids=[message[:30] for _, message in WRONG])
 def test_a_value_of_another_type_is_named_by_file_and_key(tmp_path: Path, change: dict, message: str) -> None:
-    (tmp_path / METRICS_FILE).write_text(json.dumps(good_content() | change))
+    (tmp_path / METRICS_FILE).write_text(json.dumps(asdict(good_record()) | change))
     with pytest.raises(InputError) as caught:
         RunRecord.read(tmp_path)
     assert f"{tmp_path / METRICS_FILE}: {message}" in str(caught.value)

@@ -157,7 +157,7 @@ def test_what_lies_where_a_setting_says_counts(given: list[str], tmp_path: Path,
 def test_weights_are_the_prior_s_own_knowledge(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Packaged ones count however the prior is named, and behind another one; of two folders of weights each counts."""
     before = {name: hash_with(f"prior={name}") for name in PRIORS}
-    monkeypatch.setattr(learned, "files", lambda package: tmp_path)
+    monkeypatch.setattr(learned, "PACKAGED", tmp_path / "weights")
     for kind in ("diffusion", "regressor", "refiner"):
         (tmp_path / "weights" / kind).mkdir(parents=True)
         (tmp_path / "weights" / kind / "weights.safetensors").write_bytes(kind.encode())

@@ -25,6 +25,10 @@ def old_run(ceiling: Path, tmp_path: Path) -> Path:
     return shutil.copytree(ceiling, tmp_path / "old" / "ceiling")
 
 
+def record(folder: Path) -> dict:
+    return json.loads((folder / "metrics.json").read_text())
+
+
 def small() -> Protocol:
     return compose(["scene=tiny", *COARSE]).protocol
 
@@ -32,15 +36,13 @@ def small() -> Protocol:
 def test_a_run_on_the_cpu_is_scored_there_beside_a_gpu(ceiling: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Renders of a GPU differ in their last bits, and its new configuration says of the run that it is on the CPU."""
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    again = Rescorer(small(), tmp_path).rescore(ceiling)
-    before, after = (json.loads((folder / "metrics.json").read_text()) for folder in (ceiling, again))
-    assert after["metrics"] == before["metrics"]
+    again = Rescorer().rescore(ceiling, small(), tmp_path)
+    assert record(again)["metrics"] == record(ceiling)["metrics"]
 
 
 def test_the_same_protocol_gives_the_same_scores(ceiling: Path, tmp_path: Path) -> None:
-    rescorer = Rescorer(small(), tmp_path)
-    again = rescorer.rescore(ceiling)
-    before, after = (json.loads((folder / "metrics.json").read_text()) for folder in (ceiling, again))
+    again = Rescorer().rescore(ceiling, small(), tmp_path)
+    before, after = record(ceiling), record(again)
     assert {key: after[key] for key in SCORES} == {key: before[key] for key in SCORES}
     for key in ("row", "scene", "seed", "time_s", "rays", "network_calls", "environment", "plan", "sees_truth"):
         assert after[key] == before[key]
@@ -52,7 +54,7 @@ def test_the_same_protocol_gives_the_same_scores(ceiling: Path, tmp_path: Path) 
     for name in ("albedo.exr", "pictures.zip"):
         assert (again / name).read_bytes() == (ceiling / name).read_bytes()
     written = (again / "metrics.json").stat().st_mtime_ns
-    assert rescorer.rescore(ceiling) == again
+    assert Rescorer().rescore(ceiling, small(), tmp_path) == again
     assert (again / "metrics.json").stat().st_mtime_ns == written  # nothing is scored twice
 
 
@@ -63,8 +65,8 @@ def test_a_run_on_a_hull_is_scored_on_the_mesh_that_is_made_again(tiny_copy: Pat
     phone = ["capture.views=12", "capture.radiometry=ldr", "capture.exposure=per_image", "capture.geometry=hull"]
     words = [f"scene.path={tiny_copy}", "preset=smoke", "device=cpu", "threads=1", *COARSE, *phone, "capture.cells=48"]
     execute(compose([*words, "capture.triangles=2000", f"out={tmp_path / 'run'}"]))
-    again = Rescorer(small(), tmp_path / "again", tiny_copy).rescore(tmp_path / "run")
-    found, scored = (json.loads((folder / "metrics.json").read_text()) for folder in (tmp_path / "run", again))
+    again = Rescorer().rescore(tmp_path / "run", small(), tmp_path / "again", tiny_copy)
+    found, scored = record(tmp_path / "run"), record(again)
     assert (scored["metrics"], scored["geometry"]) == (found["metrics"], found["geometry"])
     assert 0 < found["capture"]["saturated_share"] < 0.1
     assert found["geometry"]["mask_iou"] > 0.9
@@ -74,12 +76,12 @@ def test_a_run_on_a_hull_is_scored_on_the_mesh_that_is_made_again(tiny_copy: Pat
 def test_what_cannot_be_scored_is_named(ceiling: Path, old_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (old_run / "roughness.exr").unlink()
     with pytest.raises(InputError, match="roughness.exr: no such image"):
-        Rescorer(small(), tmp_path / "new").rescore(old_run)
+        Rescorer().rescore(old_run, small(), tmp_path / "new")
     config = json.loads((old_run / "config.json").read_text())
     config["identity"]["scene"]["content"] = "0" * 64
     (old_run / "config.json").write_text(json.dumps(config))
     with pytest.raises(InputError, match="the run was on another scene"):
-        Rescorer(small(), tmp_path / "new").rescore(old_run)
+        Rescorer().rescore(old_run, small(), tmp_path / "new")
     assert main([str(old_run), "--out", str(tmp_path / "new")]) == 1
     assert "the run was on another scene" in capsys.readouterr().err
     assert main([str(tmp_path / "nothing"), "--out", str(tmp_path / "new")]) == 2
@@ -93,10 +95,10 @@ def test_what_cannot_be_scored_is_named(ceiling: Path, old_run: Path, tmp_path: 
 def test_a_run_with_a_renderer_of_its_own_is_not_scored_by_another(ceiling: Path, tmp_path: Path) -> None:
     """Its new scores would stand under its row as if its own renderer had made them."""
     folder = shutil.copytree(ceiling, tmp_path / "split sums")
-    record = json.loads((folder / "metrics.json").read_text())
-    assert record["renderer"] == "ia_bench reference"
-    record["renderer"] = "split sum; under novel lights ia_bench reference"
-    (folder / "metrics.json").write_text(json.dumps(record))
+    content = record(folder)
+    assert content["renderer"] == "ia_bench reference"
+    content["renderer"] = "split sum; under novel lights ia_bench reference"
+    (folder / "metrics.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match="found split sum; .*: its own renderer is gone; run it again with protocol=paper-v3$"):
-        Rescorer(small(), tmp_path / "new").rescore(folder)
+        Rescorer().rescore(folder, small(), tmp_path / "new")
     assert not list((tmp_path / "new").rglob("*.json"))

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from ia_bench.common.errors import InputError
+from ia_bench.methods.contract import Problem
 from ia_bench.methods.info import MethodInfo
 from ia_bench.methods.monitor import CostTracker
 from ia_bench.priors import inputs
@@ -19,22 +20,23 @@ from ia_bench.scenes.scene import Scene
 from ia_bench.scenes.turning import TurningLight
 
 
-def handed(scene: Scene, needs: frozenset[str]) -> Scene:
-    """The scene that a method with these needs is handed."""
-    config = compose(["device=cpu", "prior=none", "scene=tiny"])
-    info = MethodInfo(uses_prior=False, needs=needs)
-    return problem_of(config, scene, info, note=lambda _: None, costs=CostTracker()).scene
+def handed(scene: Scene, info: MethodInfo, *overrides: str) -> tuple[Problem, list[str]]:
+    """What a method is handed that says this of itself, and what the user is told."""
+    notes: list[str] = []
+    config = compose(["scene=tiny", *(overrides or ["device=cpu"])])
+    return problem_of(config, scene, info, note=notes.append, costs=CostTracker()), notes
 
 
 def test_a_scene_that_lacks_what_a_method_needs_is_refused(tiny: Scene) -> None:
     bare = replace(tiny, mesh=replace(tiny.mesh, uv=np.zeros_like(tiny.mesh.uv)))
     empty = replace(bare, mesh=replace(bare.mesh, faces=tiny.mesh.faces[:0]))
-    both = frozenset({"mesh", "uv"})
+    nothing, mesh, both = (MethodInfo(uses_prior=False, needs=frozenset(needs)) for needs in ((), ("mesh",), ("mesh", "uv")))
     with pytest.raises(InputError, match="method=two_stage: expected a scene with uv, found none in tiny"):
         handed(bare, both)
     with pytest.raises(InputError, match="expected a scene with mesh and uv, found none in tiny"):
         handed(empty, both)
-    assert handed(tiny, both).name == handed(bare, frozenset({"mesh"})).name == handed(empty, frozenset()).name == "tiny"
+    for scene, needs in ((tiny, both), (bare, mesh), (empty, nothing)):
+        assert handed(scene, needs)[0].scene.name == "tiny"
 
 
 @pytest.mark.parametrize(
@@ -46,22 +48,17 @@ def test_a_scene_that_lacks_what_a_method_needs_is_refused(tiny: Scene) -> None:
     ],
 )
 def test_a_method_that_takes_exposures_for_the_same_is_told_of(tiny: Scene, info: MethodInfo, told: bool) -> None:
-    notes: list[str] = []
-    config = compose(["scene=tiny", "prior=none", "method=two_stage"])
-    problem_of(config, replace(tiny, exposures_differ=True), info, note=notes.append, costs=CostTracker())
+    _, notes = handed(replace(tiny, exposures_differ=True), info)
     assert [note.startswith("every photograph has an exposure of its own; method=two_stage") for note in notes] == [True] * told
-    problem_of(config, tiny, info, note=notes.append, costs=CostTracker())
-    assert len(notes) == told
+    assert handed(tiny, info)[1] == []
 
 
 def test_a_light_that_turns_is_told_of_a_method_that_does_not_turn_it_and_reaches_the_others(tiny: Scene) -> None:
-    notes: list[str] = []
     turning = replace(tiny, turning=TurningLight(tuple(map(tuple, tiny.train[0].camera.to_world[:3]))))
-    config = compose(["scene=tiny", "prior=none", "method=two_stage"])
-    for info in (MethodInfo(uses_prior=False), MethodInfo(uses_prior=False, turns_light=True)):
-        handed = problem_of(config, turning, info, note=notes.append, costs=CostTracker()).scene
-        assert handed.turning == turning.turning
-    assert notes == ["the light turns with the camera; method=two_stage takes it for one that stands still"]
+    told = ["the light turns with the camera; method=two_stage takes it for one that stands still"]
+    for turns, expected in ((False, told), (True, [])):
+        problem, notes = handed(turning, MethodInfo(uses_prior=False, turns_light=turns))
+        assert (problem.scene.turning, notes) == (turning.turning, expected)
 
 
 @pytest.mark.parametrize(("overrides", "expected"), [
@@ -79,10 +76,11 @@ def test_a_prior_goes_where_the_run_is_unless_it_is_told_where(
     if behind:
         overrides = [text.replace("options.device", "options.of_options") for text in overrides]
         overrides = [text.replace("of_options=cuda", "of_options={device:cuda}") for text in overrides]
-    config = compose([f"prior={'corrected' if behind else 'diffusion'}", "scene=tiny", *overrides])
-    asked = problem_of(config, tiny, MethodInfo(uses_prior=True), note=lambda _: None, costs=CostTracker()).prior
+    overrides = [f"prior={'corrected' if behind else 'diffusion'}", *overrides]
+    asked = handed(tiny, MethodInfo(uses_prior=True), *overrides)[0].prior
     found = asked.prior.prior if behind else asked  # told the truth, corrected, itself
-    options = config.prior.options["of_options"] if behind else config.prior.options
+    options = compose(["scene=tiny", *overrides]).prior.options
+    options = options["of_options"] if behind else options
     assert found._device.type == expected
     assert options["precision"] == ("bf16" if expected == "cuda" else "float32")
 

@@ -9,16 +9,18 @@ import pytest
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.cli.table import parse
 from ia_bench.common.errors import InputError
-from ia_bench.runs import table as module
 from ia_bench.runs.cells import TableRequest, make_cells
 from ia_bench.runs.table import Claim, Row, SceneEntry, Table, capture_of, crossed_name, load_table, some_rows
 
 BAD_NAMES = ('""', '" "', '"a\\nb"', '"a\\0b"', "a" * 5000)
 
 
-def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
-    (tmp_path / "table").mkdir()
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_bad_table_file_is_named() -> None:
     for content, message in [
         ("rowes: []", r"bad\.yaml: .*rowes"),
         ("rows: [{name: a, overrides: []}, {name: a, overrides: []}]", "expected different names, found a, a"),
@@ -34,7 +36,7 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
             "expected different names, found a, 8 views, a",
         ),
         ("captures: [{views: 8}]\nrows: [{name: a, overrides: [], captures: [8 vews]}]", "unknown capture '8 vews'"),
-        ("includes: [bad]", "includes: expected tables that do not include each other, found bad in bad"),
+        ("includes: [bad.yaml]", "includes: expected tables that do not include each other, found bad.yaml in bad.yaml"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
         *((f"rows: [{{name: {name}, overrides: []}}]", "rows.0.name: expected a name of 1 to 200 printable") for name in BAD_NAMES),
@@ -51,13 +53,12 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         (bytes(range(256)), r"bad\.yaml: expected YAML as UTF-8 text"),
         (b"a: " + b"[" * 100_000, r"bad\.yaml: not valid YAML \(nested too deeply\)"),
     ]:
-        (tmp_path / "table" / "bad.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
+        Path("bad.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
         with pytest.raises(InputError, match=f"(?s){message}"):
-            load_table("bad")
+            load_table("bad.yaml")
 
 
-def test_a_file_of_ones_own_is_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_file_of_ones_own_is_a_table() -> None:
     Path("mine.yaml").write_text("scenes: [hat]\nrows: [{name: a, overrides: [prior=none]}]")
     request = parse(["table=mine.yaml"])
     assert request.name == "mine"
@@ -89,9 +90,8 @@ def test_some_rows_of_a_table_are_named_with_the_commas_that_they_have() -> None
 
 
 @pytest.mark.parametrize("override", ["prior=none", "+prior=none", "capture.views=4", "coupling.options.albedo=2"])
-def test_what_a_row_sets_itself_is_not_set_for_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, override: str) -> None:
+def test_what_a_row_sets_itself_is_not_set_for_all(override: str) -> None:
     """Or two rows would be one, under two names."""
-    monkeypatch.chdir(tmp_path)
     row = "{name: a, overrides: [prior=oracle, coupling=kernel, coupling.options.albedo=1]}"
     Path("t.yaml").write_text(f"scenes: [hat]\ncaptures: [{{}}, {{views: 8}}]\nrows: [{row}]")
     parse(["table=t.yaml", "preset=smoke"]).load()
@@ -117,32 +117,27 @@ def test_a_scene_of_any_format_is_named_by_its_entry() -> None:
     ]
 
 
-def test_a_table_has_the_rows_of_those_that_it_includes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
-    (tmp_path / "table").mkdir()
+def test_a_table_has_the_rows_of_those_that_it_includes() -> None:
     first = "photographs: 24\nscenes: [tiny]\nseeds: [3]\nreference: a\nrows: [{name: a, overrides: []}]\n"
-    (tmp_path / "table" / "first.yaml").write_text(first)
-    second = "includes: [first]\nseeds: [4]\nrows: [{name: b, overrides: []}]\nclaims: [{better: b, worse: a}]\n"
-    (tmp_path / "table" / "second.yaml").write_text(second)
-    table = load_table("second")
+    Path("first.yaml").write_text(first)
+    second = "includes: [first.yaml]\nseeds: [4]\nrows: [{name: b, overrides: []}]\nclaims: [{better: b, worse: a}]\n"
+    Path("second.yaml").write_text(second)
+    table = load_table("second.yaml")
     assert [row.name for row in table.rows] == ["a", "b"]
     assert (table.scenes, table.seeds, table.reference) == (["tiny"], [4], "a")
     assert table.photographs == 24
     assert [(claim.better, claim.worse) for claim in table.claims] == [("b", "a")]
 
 
-def test_every_row_is_run_with_every_capture_unless_it_says_with_which(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
-    (tmp_path / "table").mkdir()
+def test_every_row_is_run_with_every_capture_unless_it_says_with_which() -> None:
     rows = '[{name: a, overrides: [prior=none]}, {name: b, overrides: [prior=oracle], captures: [""]}]'
     captures = "[{}, {views: 8, radiometry: ldr}, {faults: {mask_growth: -2}}]"
-    (tmp_path / "table" / "t.yaml").write_text(f"scenes: [hat]\nreference: a\nrows: {rows}\ncaptures: {captures}\n")
-    table = load_table("t")
+    Path("t.yaml").write_text(f"scenes: [hat]\nreference: a\nrows: {rows}\ncaptures: {captures}\n")
+    table = load_table("t.yaml")
     assert [row.name for row in table.crossed_rows] == ["a", "b", "a, 8 views, LDR", "a, mask growth -2.0"]
     assert table.compared is None, "rows of different captures do not compare"
-    monkeypatch.undo()
     cells = make_cells(table, TableRequest(overrides=("device=cpu",)), 1, Path("results/t"))
-    capture = {cell.row.name: cell.config.capture for cell in cells}
+    capture = {cell.row: cell.config.capture for cell in cells}
     assert (capture["a, 8 views, LDR"].views, capture["a, 8 views, LDR"].radiometry) == (8, "ldr")
     assert capture["a, mask growth -2.0"].faults.mask_growth == -2
     assert capture["a"] == capture["b"] == CaptureSettings()

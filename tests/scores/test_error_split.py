@@ -12,7 +12,7 @@ from test_scorer import SMALL, ball_scene
 
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 from ia_bench.scenes.scene import View
-from ia_bench.scores.comparison import Pair, of_object
+from ia_bench.scores.comparison import Pair, as_it_is, of_object
 from ia_bench.scores.error_split import VisibleSurface, split
 from ia_bench.scores.metrics import ERROR_PARTS, MEASURED, NoScoredPixel, Undefined, squared_error
 from ia_bench.scores.protocol import Encoding, Protocol
@@ -121,7 +121,7 @@ def test_black_has_no_factor_and_a_view_without_a_pixel_no_parts() -> None:
     black, empty = split(views, flat(views=2), Protocol())
     assert black.parts["level"] == 0
     with pytest.raises(NoScoredPixel):
-        empty.compared()
+        as_it_is(empty, Protocol())
 
 
 def test_photographs_from_above_do_not_show_the_underside_nor_what_is_covered() -> None:

@@ -9,7 +9,6 @@ import torch
 from made_up import Ball
 from test_scorer import SMALL, ball_scene
 
-from ia_bench.common.errors import InputError
 from ia_bench.light.environment import Environment
 from ia_bench.render.reconstruction import Quality
 from ia_bench.scenes.images import Images
@@ -18,12 +17,12 @@ from ia_bench.scores import comparison
 from ia_bench.scores.comparison import Pair, Predictions, pairs
 from ia_bench.scores.evaluate import score
 from ia_bench.scores.metrics import LEAST, Compared, psnr, ssim
-from ia_bench.scores.protocol import ComparisonSettings, Encoding, Protocol, shipped
+from ia_bench.scores.protocol import Encoding, Protocol
 from ia_bench.scores.scorer import Scorer
 
 SIDE = 96
 RANDOM = np.random.default_rng(0)
-V3 = shipped("paper-v3")
+V3 = Protocol()
 
 
 def picture(values: np.ndarray) -> Images:
@@ -127,12 +126,3 @@ def test_what_is_drawn_without_chance_scores_as_ever() -> None:
     plain = Scorer(scene, SMALL, torch.device("cpu")).full(Ball(albedo=ball.albedo))
     assert found.metrics == plain.metrics
     assert [quality.seed for quality in ball.asked[0]] == [0, 0, 0, 1, 1]  # the other half of one novel light says it for all
-
-
-def test_the_protocols_keep_apart() -> None:
-    assert V3.label == "paper-v3 (lpips.net=squeeze)"
-    assert Protocol() == V3
-    assert "noise" in V3.describe()
-    assert "noise" not in shipped("paper-v2").describe()  # whose hash is that of former runs
-    with pytest.raises(InputError, match="noise=subtracted"):
-        Protocol(noise="subtracted", comparison=ComparisonSettings(area="image"))

@@ -112,6 +112,8 @@ def test_settings_that_mean_nothing_are_refused() -> None:
         parsed(Protocol, {"comparison": {"erosion": 5}}, "protocol")
     with pytest.raises(InputError, match="erosion: expected 0 or an odd number, found 4"):
         ComparisonSettings(area="image", erosion=4)
+    with pytest.raises(InputError, match="noise=subtracted: expected comparison.area=object, found image"):
+        Protocol(noise="subtracted", comparison=ComparisonSettings(area="image"))
     border = {"noise": "kept", "ssim": {"border": "valid"}}
     with pytest.raises(InputError, match=r"^protocol\.ssim\.border=valid: expected comparison\.area=image, found object$"):
         parsed(Protocol, border, "protocol")

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.photographs import known_pixels, one_sided
+from ia_bench.methods.photographs import Photographs, one_sided
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 
 COVERED = 0.999  # of a pixel that shows the object alone
@@ -28,19 +28,13 @@ class TrainingPixels:
 
         Raises InputError where no pixel lies inside the object.
         """
-        views = problem.scene.train
         self._surface: SurfaceInterpolator = problem.stage.surface
-        self.gbuffer: GBuffer = problem.stage.gbuffer([view.camera for view in views], side)
-        place = self.gbuffer.pixel
-        images = torch.stack([torch.from_numpy(view.image) for view in views]).reshape(-1, 3).to(place.device)
-        masks = torch.stack([torch.from_numpy(view.mask) for view in views]).reshape(-1).to(place.device)
-        inside = self.gbuffer.filled & (masks[place] > COVERED)
-        self.entries = torch.nonzero(inside)[:, 0]
+        self.gbuffer: GBuffer = problem.stage.gbuffer([view.camera for view in problem.scene.train], side)
+        photographs = Photographs.of(problem.scene, self.gbuffer)
+        self.entries = torch.nonzero(self.gbuffer.filled & (photographs.mask[:, 0] > COVERED))[:, 0]
         if len(self.entries) == 0:
             raise InputError(f"{problem.scene.source}: expected training pixels that show nothing but the object, found none")
-        self.radiance = images[place[self.entries]]
-        known = known_pixels(views)
-        self._known = None if known is None else known.reshape(-1, 1).to(place.device)[place[self.entries]]
+        self.radiance, self._known = photographs.radiance[self.entries], photographs.known[self.entries]
         self.view = self.gbuffer.view(self.entries)
 
     def __len__(self) -> int:
@@ -52,7 +46,7 @@ class TrainingPixels:
 
     def target(self, pixels: Tensor, rendered: Tensor) -> Tensor:
         """What the render (N, 3) of ``pixels`` (N,) in [0, P) is compared with: one-sidedly where photographs saturate."""
-        return one_sided(self.radiance[pixels], rendered, None if self._known is None else self._known[pixels])
+        return one_sided(self.radiance[pixels], rendered, self._known[pixels])
 
     def points(self, pixels: Tensor) -> SurfacePoints:
         """The surface points of ``pixels`` (N,) in [0, P), ``side`` ^ 2 of each, one pixel after the other."""

@@ -49,6 +49,13 @@ def encode(linear: Tensor, encoding: str) -> Tensor:
     return linear_to_srgb(linear) if encoding == "srgb" else linear
 
 
+def per_view(values: Tensor, view: Tensor, views: int) -> Tensor:
+    """Means (V,) of the values (P, 3) in views (P,); 0 for a view without any."""
+    zeros = values.new_zeros(views)
+    count = zeros.index_add(0, view, torch.ones_like(values[:, 0])).clamp_min(1)
+    return zeros.index_add(0, view, values.mean(-1)) / count
+
+
 @dataclass(eq=False)
 class WeightedCoupling(Coupling):
     """The loss ``albedo`` * :meth:`albedo_loss` + ``specular`` * :meth:`specular_loss` of what a prior provides.
@@ -67,9 +74,9 @@ class WeightedCoupling(Coupling):
 
     def prepare(self, samples: PixelSamples, problem: Problem) -> None:
         """Encode once what every step compares with."""
-        self._weight, self._unit = samples.weight, problem.photographs.unit
-        self._at_least = samples.at_least.get("specular")
-        self._specular = tone_map(self._unit * samples.values["specular"]) if "specular" in samples.values else None
+        self._weight, self._at_least = samples.weight, samples.at_least
+        self._unit, self._encoding = problem.photographs.unit, problem.prior.info.encoding
+        self._said = {name: self._encoded(name, values) for name, values in samples.values.items()}
         self._uses = self.uses(frozenset(samples.values))
 
     def loss(self, render: StepRender, pixels: Tensor) -> dict[str, Tensor]:
@@ -86,12 +93,16 @@ class WeightedCoupling(Coupling):
         raise NotImplementedError
 
     def specular_loss(self, render: StepRender, pixels: Tensor) -> Tensor:
-        """|S_hat - S_s| of tone-mapped radiance: highlights span orders of magnitude, their log does not.
+        """|S_hat - S_s| of tone-mapped radiance: highlights span orders of magnitude, their log does not."""
+        return (self._weight[pixels] * self._difference("specular", render.specular, pixels).abs()).mean()
 
-        Where the prior could hardly have said more, only what falls short of it counts.
+    def _difference(self, name: str, linear: Tensor, pixels: Tensor) -> Tensor:
+        """How far ``linear`` values (B, 3) are from what the prior says of G-buffer entries (B,), both encoded.
+
+        Where the prior could hardly have said more, since it sees nothing brighter than its white, only what falls short counts.
         """
-        assert self._specular is not None, "the prior provides it"
-        difference = tone_map(self._unit * render.specular) - self._specular[pixels]
-        if self._at_least is not None:
-            difference = torch.where(self._at_least[pixels], difference.clamp(max=0), difference)
-        return (self._weight[pixels] * difference.abs()).mean()
+        found = self._encoded(name, linear) - self._said[name][pixels]
+        return torch.where(self._at_least[name][pixels], found.clamp(max=0), found) if name in self._at_least else found
+
+    def _encoded(self, name: str, linear: Tensor) -> Tensor:
+        return encode(linear, self._encoding[name]) if name == "albedo" else tone_map(self._unit * linear)

@@ -15,7 +15,7 @@ from torch import Tensor
 from ia_bench.common.ranges import Positive, Weight
 from ia_bench.material.textures import fetch
 from ia_bench.methods.contract import PixelSamples, Problem, StepRender
-from ia_bench.methods.couplings.base import WeightedCoupling
+from ia_bench.methods.couplings.base import WeightedCoupling, per_view
 from ia_bench.scenes.color import linear_to_srgb
 
 PAIRS = 4  # partners of a pixel in one step: others follow in the next, and one is a noisy estimate (docs/log/supervision.md)
@@ -56,15 +56,12 @@ class Kernel(WeightedCoupling):
         self._problem = problem
         gbuffer = problem.gbuffer
         views, self._height, self._width = gbuffer.shape
-        device = gbuffer.pixel.device
         self._reach = max(1.0, self.radius * max(self._height, self._width))
         self._filled = self._weight[:, 0].sqrt() * gbuffer.filled * (problem.photographs.mask[:, 0] > 0.999)
         prediction = samples.values["albedo"]
         if self.free_scale:
-            view = gbuffer.view()
-            used = (self._filled > 0).float()
-            count = torch.zeros(views, device=device).index_add_(0, view, used)
-            mean = torch.zeros(views, device=device).index_add_(0, view, used * prediction.mean(-1)) / count.clamp_min(1)
+            view, used = gbuffer.view(), self._filled > 0
+            mean = per_view(prediction[used], view[used], views)
             prediction = prediction * (LEVEL / mean.clamp_min(1e-6))[view][:, None]
         self._prediction = linear_to_srgb(prediction)
         self._entry = gbuffer.entry_of_pixel()

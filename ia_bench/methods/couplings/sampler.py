@@ -5,13 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.methods.contract import PixelSamples, Problem
-from ia_bench.methods.photographs import count_views, restrict, view_geometry
+from ia_bench.methods.photographs import count_views, restrict, stacked, view_geometry
 from ia_bench.priors.contract import Distiller, Observations, Prior, Refiner, Samples
 from ia_bench.priors.validation import (
     LARGEST,
@@ -49,14 +48,13 @@ class PriorSampler:
         self._shown: Observations | None = None
         self._told = False
         self._fingerprint: str | None = getattr(prior, "fingerprint", None)
-        keeps = problem.keep_samples and self._fingerprint is not None and not prior.info.sees_truth  # truth is in no key
-        self._cache = Cache() if keeps else None
+        self._keeps = problem.keep_samples and self._fingerprint is not None and not prior.info.sees_truth  # truth is in no key
 
     def draw(self, guidance: Images | None) -> Samples:
         """A sample of every view asked. ``guidance``: current renders of the same views. Raises InputError for no sound one."""
         observations = self._observations(self._problem.asked_views)
-        key = self._key(observations) if self._cache is not None and guidance is None else None
-        stored = self._cache.get(key) if self._cache is not None and key is not None else None
+        key = self._key(observations) if self._keeps and guidance is None else None
+        stored = None if key is None else Cache().get(key)
         if stored is not None:
             tensors, about = stored
             values, ceilings = (
@@ -69,11 +67,11 @@ class PriorSampler:
         else:
             started, cpu_started = time.perf_counter(), time.process_time()
             samples = ask(self._prior, observations, seed=self._seed, guidance=guidance)
-            if self._cache is not None and key is not None:
+            if key is not None:
                 parts = zip(SAMPLE_PARTS, (samples.values, samples.ceilings), strict=True)
                 tensors = {part + name: value for part, of in parts for name, value in of.items()}
                 took = {"seconds": time.perf_counter() - started, "cpu_seconds": time.process_time() - cpu_started}
-                self._cache.put(key, tensors, {**took, "cost": dict(samples.cost)})
+                Cache().put(key, tensors, {**took, "cost": dict(samples.cost)})
         wrong = None if self._told else beyond_a_material(samples, observations.masks)
         if wrong is not None:
             self._told = True
@@ -103,7 +101,7 @@ class PriorSampler:
         """What the prior is shown of some training views; that of the last ones is kept, for geometry takes rays."""
         if self._shown is None or self._shown.views != views:
             chosen, wants = [self._problem.scene.train[view] for view in views], self._prior.info.wants
-            images, masks = (torch.from_numpy(np.stack([getattr(view, key) for view in chosen])) for key in ("image", "mask"))
+            images, masks = stacked(chosen, "image"), stacked(chosen, "mask")
             seen = view_geometry(self._problem, views) if wants & set(GEOMETRY) else (None, None)
             normals, visibility = (tensor if name in wants else None for name, tensor in zip(GEOMETRY, seen, strict=True))
             view_count = count_views(self._problem, views) if "view_count" in wants else None

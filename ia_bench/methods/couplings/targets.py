@@ -15,7 +15,7 @@ from torch import Tensor
 from ia_bench.common.ranges import Number
 from ia_bench.material.textures import fetch
 from ia_bench.methods.contract import PixelSamples, Problem, StepRender
-from ia_bench.methods.couplings.base import WeightedCoupling, encode
+from ia_bench.methods.couplings.base import WeightedCoupling, encode, per_view
 
 ALIGNMENT_PIXELS = 65_536  # about this many pixels of all views, and their share of those asked about, estimate the alignment
 ALIGNMENT_PERIOD = 10  # steps between two estimates
@@ -45,8 +45,6 @@ class Targets(WeightedCoupling):
         self._alignment: ViewAlignment | None = None
         if "albedo" not in samples.values:
             return
-        self._encoding = problem.prior.info.encoding["albedo"]
-        self._target = encode(samples.values["albedo"], self._encoding)
         asked = samples.weight[:, 0] > 0
         covered = torch.nonzero(asked & gbuffer.filled)[:, 0]
         usable = covered if len(covered) else torch.nonzero(asked)[:, 0]
@@ -66,7 +64,7 @@ class Targets(WeightedCoupling):
             with torch.enable_grad():
                 mean, spread = found.mean.requires_grad_(), found.spread.requires_grad_()
                 alignment = align(found, self._statistics, self.ssi)
-                loss = _per_view(self._differences(prediction, self._chosen, alignment), view, len(mean)).sum()
+                loss = per_view(self._differences(prediction, self._chosen, alignment), view, len(mean)).sum()
                 loss = loss + 0 * (mean + spread).sum()  # so that an alignment without statistics has a gradient, of zero
                 by = torch.autograd.grad(loss, (mean, spread))
             self._alignment = ViewAlignment(alignment.scale.detach(), alignment.shift.detach())
@@ -85,7 +83,7 @@ class Targets(WeightedCoupling):
         gbuffer = self._gbuffer
         coverage = (gbuffer.face[pixels] >= 0).float().mean(1, keepdim=True)
         aligned = alignment(prediction, gbuffer.view(pixels), coverage)
-        return self._weight[pixels] * (encode(aligned, self._encoding) - self._target[pixels]).abs()
+        return self._weight[pixels] * (self._encoded("albedo", aligned) - self._said["albedo"][pixels]).abs()
 
     def state(self) -> dict[str, Tensor]:
         """The alignment between two updates, with its slope; nothing before the first."""
@@ -93,12 +91,10 @@ class Targets(WeightedCoupling):
 
     def restore(self, state: dict[str, Tensor]) -> None:
         """Take it over; checkpoints are read on the CPU."""
-        if not state:
-            self._alignment = None
-            return
-        values = {name: value.to(self._weight.device) for name, value in state.items()}
-        self._alignment = ViewAlignment(values.pop("scale"), values.pop("shift"))
-        self._slope = SlopeOfStatistics(**values)
+        if state:
+            values = {name: value.to(self._weight.device) for name, value in state.items()}
+            self._alignment = ViewAlignment(values.pop("scale"), values.pop("shift"))
+            self._slope = SlopeOfStatistics(**values)
 
 
 @dataclass(frozen=True)
@@ -115,16 +111,9 @@ class Statistics:
     @classmethod
     def of(cls, values: Tensor, view: Tensor, views: int) -> Statistics:
         """Of values (P, 3) in views (P,)."""
-        mean = _per_view(values, view, views)
+        mean = per_view(values, view, views)
         deviations = values - mean[view][:, None]
-        return cls(mean, _per_view(deviations.abs(), view, views), _per_view(deviations.sign(), view, views))
-
-
-def _per_view(values: Tensor, view: Tensor, views: int) -> Tensor:
-    """Means (V,) of the values (P, 3) in views (P,)."""
-    zeros = values.new_zeros(views)
-    count = zeros.index_add(0, view, torch.ones_like(values[:, 0])).clamp_min(1)
-    return zeros.index_add(0, view, values.mean(-1)) / count
+        return cls(mean, per_view(deviations.abs(), view, views), per_view(deviations.sign(), view, views))
 
 
 @dataclass(frozen=True)
@@ -184,8 +173,7 @@ class SlopeOfStatistics:
 class Distilled(WeightedCoupling):
     """The loss |x_hat - x_d|^2 / 2 in the prior's encoding, whose gradient is that of SDS; x_d is what it denoised x_hat to.
 
-    Nothing is aligned: the estimate was made from the render itself. Where the prior could hardly have said more, since it sees
-    nothing brighter than its white, only what falls short of x_d counts.
+    Nothing is aligned: the estimate was made from the render itself.
 
     Attributes:
         period: Steps between two distillations.
@@ -196,13 +184,6 @@ class Distilled(WeightedCoupling):
     period: Number = 10
     views: Number = 4
 
-    def prepare(self, samples: PixelSamples, problem: Problem) -> None:
-        """Encode the estimates."""
-        self._weight, self._encoding, self._unit = samples.weight, problem.prior.info.encoding, problem.photographs.unit
-        self._bounded = samples.at_least
-        self._estimates = {name: self._encoded(name, value) for name, value in samples.values.items()}
-        self._uses = self.uses(frozenset(samples.values))
-
     def albedo_loss(self, render: StepRender, pixels: Tensor) -> Tensor:
         """See the class."""
         return self._half_square("albedo", render.albedo, pixels)
@@ -211,11 +192,8 @@ class Distilled(WeightedCoupling):
         """See the class."""
         return self._half_square("specular", render.specular, pixels)
 
-    def _half_square(self, name: str, prediction: Tensor, pixels: Tensor) -> Tensor:
-        difference = self._encoded(name, prediction) - self._estimates[name][pixels]
-        if name in self._bounded:
-            difference = torch.where(self._bounded[name][pixels], difference.clamp(max=0), difference)
-        return (self._weight[pixels] * (0.5 * difference**2)).mean()
+    def _half_square(self, name: str, linear: Tensor, pixels: Tensor) -> Tensor:
+        return (self._weight[pixels] * (0.5 * self._difference(name, linear, pixels) ** 2)).mean()
 
-    def _encoded(self, name: str, values: Tensor) -> Tensor:
-        return encode(values * (self._unit if name == "specular" else 1.0), self._encoding[name])
+    def _encoded(self, name: str, linear: Tensor) -> Tensor:
+        return encode(linear if name == "albedo" else linear * self._unit, self._encoding[name])

@@ -41,9 +41,3 @@ def regularisers_of(names: Sequence[str], options: Mapping[str, Mapping[str, Any
     found = [(registry.find("regulariser", name), options.get(name.rpartition(":")[2], {})) for name in names]
     made = [(plugin.name, registry.create("regulariser", plugin.name, plugin.target, given)) for plugin, given in found]
     return [checked_part("regulariser", name, one) for name, one in made]
-
-
-def code_of(names: Sequence[str]) -> dict[str, str]:
-    """What tells the code of those of other distributions, by key; see :func:`ia_bench.common.registry.foreign_code`."""
-    found = {f"fit.regularise.{name}": registry.foreign_code("regulariser", name) for name in names}
-    return {key: code for key, code in found.items() if code is not None}

@@ -65,10 +65,9 @@ def effective_view_count(problem: Problem, size: int) -> Tensor:
     gbuffer = gbuffer.at(torch.nonzero(gbuffer.filled & ~problem.photographs.left_out)[:, 0])
     face = gbuffer.face.long()
     _, position = surface.geometry(face[:, 0], gbuffer.barycentric[:, 0])
-    cameras, view = [each.camera for each in problem.scene.train], gbuffer.view()
-    to_world = torch.stack([torch.from_numpy(camera.to_world).float() for camera in cameras]).to(position)
-    focal = torch.tensor([camera.focal[0] * camera.focal[1] for camera in cameras]).to(position)
-    depth = -((position - to_world[view, :3, 3]) * to_world[view, :3, 2]).sum(1)
+    view, backward = gbuffer.view(), gbuffer.to_world[:, :3, 2]
+    focal = torch.tensor([each.camera.focal[0] * each.camera.focal[1] for each in problem.scene.train]).to(position)
+    depth = -((position - gbuffer.seen_from()) * backward[view]).sum(1)
     pixel_area = depth.square() / focal[view]  # parallel to the image
     share = pixel_area * size**2 / surface.area_per_uv[face[:, 0]].clamp_min(1e-20)
     points = gbuffer.subsamples

@@ -22,40 +22,42 @@ class Fusion:
     those that the photograph's mask leaves out, of which a prior has been shown nothing.
 
     Attributes:
-        position: (P, 3), where the surface is that the pixels show.
+        problem, views: What it was made of.
+        entries: (P,), which pixels of the problem's G-buffer count.
+        position: (P, 3), where the surface is that they show.
     """
 
     def __init__(self, problem: Problem, views: tuple[int, ...]) -> None:
         part, rows = restrict(problem.gbuffer, views)
         covered = torch.nonzero(part.filled & ~problem.photographs.left_out[rows])[:, 0]
-        self._surface = problem.renderer.surface
-        self._pixel, self._face, self._barycentric = part.pixel[covered], part.face[covered], part.barycentric[covered]
-        origin = part.seen_from(covered)
-        middle = self._surface(self._face[:, 0].long(), self._barycentric[:, 0], origin)
+        self.problem, self.views, self.entries = problem, views, rows[covered]
+        self._surface, self._gbuffer = problem.renderer.surface, part.at(covered)
+        origin = self._gbuffer.seen_from()
+        middle = self._surface(self._gbuffer.face[:, 0], self._gbuffer.barycentric[:, 0], origin)
         toward = origin - middle.position
         self.position = middle.position
         self._cosine = (middle.normal * toward).sum(-1, keepdim=True).clamp_min(0) / toward.norm(dim=-1, keepdim=True)
 
     def __bool__(self) -> bool:
         """Whether there is any such pixel."""
-        return bool(len(self._pixel))
+        return bool(len(self.entries))
 
     def pixels(self, images: Tensor) -> Tensor:
         """The pixels (P, C) of images (V, H, W, C) that count."""
-        return images.to(self._cosine.device).reshape(-1, images.shape[-1])[self._pixel]
+        return images.to(self._cosine.device).reshape(-1, images.shape[-1])[self._gbuffer.pixel]
 
     def drawn(self, most: int, generator: torch.Generator) -> Fusion:
         """The same of ``most`` of its pixels, drawn with the ``generator``; itself if it has no more."""
-        if len(self._pixel) <= most:
+        if len(self.entries) <= most:
             return self
-        some, part = torch.randperm(len(self._pixel), generator=generator, device=self._pixel.device)[:most], copy(self)
-        for name in ("position", "_pixel", "_face", "_barycentric", "_cosine"):
-            setattr(part, name, getattr(self, name)[some])
+        some, part = torch.randperm(len(self.entries), generator=generator, device=self.entries.device)[:most], copy(self)
+        part.entries, part._gbuffer = self.entries[some], self._gbuffer.at(some)
+        part.position, part._cosine = self.position[some], self._cosine[some]
         return part
 
     def looked_up(self, texture: Tensor) -> Tensor:
         """What the pixels show of a texture (T, T, C): (P, C)."""
-        return self._surface.averaged(self._face, self._barycentric, texture)
+        return self._surface.averaged(self._gbuffer.face, self._gbuffer.barycentric, texture)
 
     def moved(self, material: Material, albedo: tuple[Tensor, Tensor, float], roughness: tuple[Tensor, Tensor, float]) -> Material:
         """The ``material`` moved from what the pixels show of it to what they should show: both (P, C), and a share of the way.
@@ -79,7 +81,7 @@ class Fusion:
     def texture(self, values: Tensor, size: int) -> Tensor:
         """``values`` (P, C) of the pixels as a texture (size, size, C); texels that none of them shows follow their neighbours."""
         channels = values.shape[1]
-        uv = self._surface.uv(self._face.long(), self._barycentric)
+        uv = self._surface.uv(self._gbuffer.face.long(), self._gbuffer.barycentric)
         weighed = torch.cat([self._cosine * values, self._cosine], 1)[:, None].expand(-1, uv.shape[1], -1)
         summed, total = splat(uv.reshape(-1, 2), weighed.reshape(-1, channels + 1), size)
         known = (total > 0) & (summed[..., channels] > 0)

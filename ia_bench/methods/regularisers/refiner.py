@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -13,12 +13,11 @@ from ia_bench.common.ranges import UnitInterval
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import FitState, Problem, Regulariser
-from ia_bench.methods.photographs import as_photographed, known_pixels, restrict
+from ia_bench.methods.photographs import as_photographed, restrict
 from ia_bench.methods.regularisers.fusion import Fusion
 from ia_bench.priors import validation
 from ia_bench.priors.contract import Refiner
 from ia_bench.render.renderer import texture_images
-from ia_bench.scenes.scene import View
 
 DARK = 0.02
 """This share of the mean of the photographs is added to both sides of a quotient of radiances, so that black ones have one."""
@@ -48,61 +47,50 @@ class Refine(Regulariser):
 
     def apply(self, material: Material, state: FitState) -> Material:
         """See the class."""
-        problem = state.problem
-        fusion = Fusion(problem, problem.asked_views)
+        fusion = Fusion(state.problem, state.problem.asked_views)
         if not fusion or not (self.albedo or self.roughness):
             return material
-        fitted = fitted_views(problem, fusion, problem.asked_views, material, state.light, state.generator, state.exposures)
+        fitted = fitted_views(fusion, material, state.light, state.generator, state.exposures)
         renders = {name: images.cpu() for name, images in fitted.items()}
         corrected = state.refine(renders).values
 
         def both(name: str) -> tuple[Tensor, Tensor]:
-            return fusion.pixels(renders[name]), fusion.pixels(corrected[name] if name in corrected else renders[name])
+            return fusion.pixels(renders[name]), fusion.pixels(corrected.get(name, renders[name]))
 
         return fusion.moved(material, (*both("albedo"), self.albedo), (*both("roughness"), self.roughness))
 
 
 def fitted_views(
-    problem: Problem,
-    fusion: Fusion,
-    views: tuple[int, ...],
-    material: Material,
-    light: SampledLight,
-    generator: torch.Generator,
-    exposures: Tensor | None = None,
+    fusion: Fusion, material: Material, light: SampledLight, generator: torch.Generator, exposures: Tensor | None = None
 ) -> dict[str, Tensor]:
-    """What a fit shows in some training ``views``, those of the ``fusion``, as a prior is to correct it.
+    """What a fit shows in the training views of the ``fusion``, as a prior is to correct it.
 
     The pictures are those of :meth:`ia_bench.priors.contract.Refiner.refine`; their :func:`evidence` is that of these photographs.
     ``exposures``: the factors (V, 1 or 3) by which photographs of all training views were exposed; None where they are the same.
     """
-    part, _ = restrict(problem.gbuffer, views)
-    rendered = as_photographed(problem.renderer.render_images(part, material, light, SAMPLES, generator), views, exposures)
+    renderer, (part, _) = fusion.problem.renderer, restrict(fusion.problem.gbuffer, fusion.views)
+    rendered = as_photographed(renderer.render_images(part, material, light, SAMPLES, generator), fusion.views, exposures)
     rendered["radiance"] = rendered["radiance"].clamp_min(0)  # of which a control variate leaves estimates below black
-    together = evidence(fusion, [problem.scene.train[view] for view in views], rendered, len(material.albedo))
     images = {name: rendered[name] for name in ("albedo", "radiance", "specular")}
-    for name, texture in (("roughness", material.roughness), ("evidence", together)):
-        images[name] = texture_images(problem.renderer.surface, part, texture)
+    for name, texture in (("roughness", material.roughness), ("evidence", evidence(fusion, rendered, len(material.albedo)))):
+        images[name] = texture_images(renderer.surface, part, texture)
     return images
 
 
-def evidence(fusion: Fusion, views: Sequence[View], renders: Mapping[str, Tensor], size: int) -> Tensor:
+def evidence(fusion: Fusion, renders: Mapping[str, Tensor], size: int) -> Tensor:
     """What photographs together say about each place: a texture (size, size, 2).
 
-    ``views`` are those of the ``fusion``, ``renders`` a fit's "radiance" and "specular" (V, H, W, 3) in them. The first channel is
-    its misfit, the root of the mean square of log((photograph + d) / (radiance + d)), of grey values, with d = DARK of the
+    ``renders`` are a fit's "radiance" and "specular" (V, H, W, 3) in the views of the ``fusion``. The first channel is its misfit,
+    the root of the mean square of log((photograph + d) / (radiance + d)), of grey values, with d = DARK of the
     photographs' mean; pixels of which only a bound is known (:class:`ia_bench.scenes.scene.View`) have none. The second is how
     much of a highlight the place has been seen in: the root of the mean square of specular / (radiance + d). Means are those of
     :class:`Fusion`.
     """
-    photographs = torch.stack([torch.from_numpy(view.image) for view in views])
-    shown, radiance, specular = (
-        fusion.pixels(images).mean(-1, keepdim=True) for images in (photographs, renders["radiance"], renders["specular"])
-    )
+    photographs = fusion.problem.photographs
+    values = photographs.radiance[fusion.entries], fusion.pixels(renders["radiance"]), fusion.pixels(renders["specular"])
+    shown, radiance, specular = (each.mean(-1, keepdim=True) for each in values)
     dark = DARK * shown.mean().clamp_min(1e-12)
     misfit = torch.log((shown.clamp_min(0) + dark) / (radiance.clamp_min(0) + dark))
-    known = known_pixels(views)
-    if known is not None:
-        misfit = misfit * fusion.pixels(known)
+    misfit = misfit * photographs.known[fusion.entries]
     shine = specular / (radiance + dark)
     return fusion.texture(torch.cat([misfit, shine], 1).square(), size).clamp_min(0).sqrt()

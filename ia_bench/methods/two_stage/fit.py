@@ -54,22 +54,17 @@ class Fit:
         """Run the remaining steps and return what was recovered, unobserved texels filled from their neighbours."""
         descent = self.descent
         descent.descend(lambda: self._reconstruction(final=False))
-        if self._solves_albedo:
+        solve, parameters = self.settings.solve_albedo, self.parameters
+        if solve is True or (solve == "auto" and not self.problem.coupling.says_albedo):
             with descent.book("stage2"), torch.no_grad():
-                material, light = self.parameters.material(detached=True), self.parameters.light()
-                exposures = None if self.parameters.exposures is None else self.parameters.exposures.detach()
-                albedo = solved_albedo(self.problem, exposures, material, light, descent.generator)
+                material, light = parameters.material(detached=True), parameters.light()
+                albedo = solved_albedo(self.problem, parameters.exposures, material, light, descent.generator)
                 descent.counters["solved_albedo_clamped"] = 0
-                self.parameters.tensors["albedo"].copy_(self._in_range("albedo", albedo, "solved_albedo_clamped"))
+                parameters.tensors["albedo"].copy_(self._in_range("albedo", albedo, "solved_albedo_clamped"))
         self._regularise(self.steps, at_end=True)
         recovered = self._reconstruction(final=True)
         samples = {"samples_per_pixel": self.losses.samples_per_pixel}
         return Result(recovered, descent.seconds, {**self.prior.sampler.counters, **descent.counters, **samples}, self.steps)
-
-    @property
-    def _solves_albedo(self) -> bool:
-        solve = self.settings.solve_albedo
-        return solve if isinstance(solve, bool) else not self.problem.coupling.says_albedo
 
     # ---- the stages ----------------------------------------------------------------------------------------------------
 
@@ -160,13 +155,9 @@ class Fit:
 
 @torch.no_grad()
 def start_albedo(parameters: Parameters, problem: Problem, mean: float, targets: PixelSamples | None) -> None:
-    """Set the albedo to the targets averaged over the views in texture space; without any, to the images' mean colour.
+    """Set the albedo to the ``targets`` averaged over the views in texture space.
 
-    Args:
-        parameters: Whose albedo is set.
-        problem: Of the fit.
-        mean: Over the channels, of the albedo that has the images' colour.
-        targets: Of the albedo, None where they do not say which albedo a pixel has.
+    Without any (None where they do not say which albedo a pixel has) it gets the images' mean colour, of that ``mean``.
     """
     albedo, colour = parameters.tensors["albedo"], problem.photographs.mean_radiance
     colour = mean * colour / colour.mean().clamp_min(1e-30)
@@ -190,8 +181,6 @@ def start_light(parameters: Parameters, problem: Problem, generator: torch.Gener
     alone would be too dark.
     """
     log_light, material = parameters.tensors["log_light"], parameters.material()
-    believed = torch.nonzero(~problem.photographs.left_out)[:, 0]
-    entries = believed if len(believed) else torch.arange(len(problem.gbuffer.pixel), device=problem.device)
-    radiance, rendered = light_of_the_mean_image(problem, entries, material, len(log_light), generator)
+    radiance, rendered = light_of_the_mean_image(problem, ~problem.photographs.left_out, material, len(log_light), generator)
     check_finite("the rendered {} is NaN or Inf", {"radiance of the start": rendered})
     log_light += torch.log(radiance)

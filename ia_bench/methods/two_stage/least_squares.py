@@ -39,16 +39,11 @@ def solved_albedo(
     1 + (residual / (RESIDUAL * radiance))^2, of each channel; pixels that the object covers in part, that a mask leaves out or
     that are not known have none.
 
-    Args:
-        problem: Of the fit.
-        exposures: What renders of each view are multiplied with (V, 1 or 3), None where that is 1.
-        material: As recovered; where no pixel sees it, its albedo stays.
-        light: As recovered.
-        generator: Of the samples of renders, SAMPLES of ``render.samples`` a pixel.
+    ``material`` and ``light`` are as recovered; where no pixel sees it, the albedo stays. ``exposures``: what renders of each view
+    are multiplied with (V, 1 or 3), None where that is 1.
     """
     photographs = problem.photographs
-    known = True if photographs.known is None else photographs.known[:, 0]
-    chosen = torch.nonzero(problem.gbuffer.filled & ~photographs.left_out & known)[:, 0]
+    chosen = torch.nonzero(problem.gbuffer.filled & photographs.known[:, 0])[:, 0]
     chosen = chosen[torch.randperm(len(chosen), generator=generator, device=chosen.device)[:PIXELS].sort().values]
     if not len(chosen):
         return material.albedo

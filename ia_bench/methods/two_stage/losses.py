@@ -68,8 +68,8 @@ class Losses:
         """The difference from the photographs, and what was rendered for it, as they are exposed."""
         settings, photographs, gbuffer = self._settings, self._photographs, self._problem.gbuffer
         material, light = parameters.material(), parameters.light(uniform=settings.defensive_share)
-        unit, target, exposures = photographs.unit, photographs.radiance[pixels], parameters.exposures
-        known = None if photographs.known is None else photographs.known[pixels]
+        unit, exposures = photographs.unit, parameters.exposures
+        target, known = photographs.radiance[pixels], photographs.known[pixels]
 
         def render(pixels: Tensor, samples: int) -> PixelRadiance:
             rendered = self._problem.renderer.render_pixels(gbuffer, pixels, material, light, samples, generator)
@@ -97,7 +97,7 @@ class Losses:
 # ---- the image loss ------------------------------------------------------------------------------------------------
 
 
-def dual_buffer_loss(first: Tensor, second: Tensor, target: Tensor, cut: float, known: Tensor | None = None) -> Tensor:
+def dual_buffer_loss(first: Tensor, second: Tensor, target: Tensor, cut: float, known: Tensor) -> Tensor:
     """The image term of equation 5 from two independent estimates (P, 3) of the radiance that should be ``target`` (P, 3).
 
     Each estimate's tone-mapped difference from the target is weighed by the other one's residual, which is the difference
@@ -111,7 +111,7 @@ def dual_buffer_loss(first: Tensor, second: Tensor, target: Tensor, cut: float, 
 
     def weight(estimate: Tensor) -> Tensor:
         residual = (slope * (estimate.detach() - target) / cut).clamp(-1, 1)
-        return residual if known is None else torch.where(known, residual, residual.clamp(max=0))
+        return torch.where(known, residual, residual.clamp(max=0))
 
     return 0.5 * (weight(second) * (_encoded(first, slope) - shown) + weight(first) * (_encoded(second, slope) - shown)).mean()
 

@@ -80,6 +80,6 @@ def _decibels(fit: Fit, judged: Problem) -> float:
         both.index_add_(0, gbuffer.view(), torch.stack([shown, rendered], 1))
         both = both if judged.scene.white_balances_differ else both.sum(-1, keepdim=True)
         rendered = rendered * (both[:, 0] / both[:, 1].clamp_min(1e-12))[gbuffer.view()]
-    shown = one_sided(shown, rendered, None if photographs.known is None else photographs.known[entries])
+    shown = one_sided(shown, rendered, photographs.known[entries])
     difference = tone_map(photographs.unit * rendered) - tone_map(photographs.unit * shown)
     return -10 * math.log10(max(float(difference.square().sum()) / max(difference.numel(), 1), 1e-12))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from ia_bench.common.registry import foreign_code
 from ia_bench.methods.info import MethodInfo
-from ia_bench.methods.regularisers.choice import code_of
 from ia_bench.methods.two_stage.settings import PRESETS, FitSettings
 
 if TYPE_CHECKING:
@@ -31,7 +31,8 @@ class TwoStage:
     @property
     def fingerprint(self) -> str:
         """What decides numbers beside the options: the code of regularisers that are not the package's own."""
-        return " ".join(f"{name}={code}" for name, code in code_of(self.options.regularise).items())
+        found = {name: foreign_code("regulariser", name) for name in self.options.regularise}
+        return " ".join(f"fit.regularise.{name}={code}" for name, code in found.items() if code is not None)
 
     def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
         """See :class:`ia_bench.methods.contract.Method`. Resumes from the monitor's last checkpoint, to the same numbers.

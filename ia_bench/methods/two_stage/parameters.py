@@ -62,8 +62,7 @@ class Parameters:
 
     def material(self, *, detached: bool = False) -> Material:
         """The textures as a material, through which gradients flow unless ``detached``."""
-        textures = (self.tensors.get(name) for name in ("albedo", "roughness", "metallic"))
-        return Material(*(t.detach() if detached and t is not None else t for t in textures))  # type: ignore[arg-type]
+        return Material(**{name: t.detach() if detached else t for name, t in self.tensors.items() if name in LEAST})
 
     def alone(self, name: str) -> Tensor:
         """The texture ``name`` for a loss that moves single texels alone: multigrid and scale-ambiguity steps do not see it.

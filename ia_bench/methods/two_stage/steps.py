@@ -52,11 +52,10 @@ class MultigridSteps:
             return
         for (name, levels), group in zip(self._levels.items(), self.optimizer.param_groups, strict=True):
             group["lr"] = rates.get(name, 0.0)
-            gradient = gradients.get(name)
+            gradient = gradients[name] if name in moving else None
             for level in levels:
-                if gradient is not None and name in moving:  # the sums of 2 x 2 texels
-                    gradient = _halved(gradient)
-                level.grad = gradient if name in moving else None
+                gradient = None if gradient is None else _halved(gradient)
+                level.grad = gradient
         self.optimizer.step()
         for name in moving:
             for fine, coarse in reversed(list(pairwise([self._images[name], *self._levels[name]]))):

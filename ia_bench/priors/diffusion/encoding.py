@@ -27,14 +27,12 @@ EXPOSED_QUANTILE = 0.9
 """This share of the foreground is darker (in its brightest channel) than EXPOSED_VALUE after exposure."""
 EXPOSED_VALUE = 0.7
 """Linear; leaves half a stop to highlights before an image clips, as a camera's automatic exposure does."""
-FAINTEST = 1e-3
-"""A coverage below it counts as it: what so faint a pixel shows is rounding."""
+FAINTEST = 1e-3  # a coverage below it counts as it: what so faint a pixel shows is rounding
 MARGIN = 0.03
 """Margin on each side of the box around the object, as a share of its side: training images leave about as much."""
 MULTIPLE = 8
 """Pixels of which the side of a frame at full resolution is a multiple, so that views of nearly one size make one batch."""
-FLOOR = 0.03
-"""Display value added to both sides of a gain, so that black pixels of an image allow any albedo."""
+FLOOR = 0.03  # display value added to both sides of a gain, so that black pixels of an image allow any albedo
 
 
 def exposure(images: Tensor, masks: Tensor) -> Tensor:

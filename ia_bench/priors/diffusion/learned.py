@@ -6,49 +6,48 @@ import json
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from importlib.resources import files
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import hash_of_files, is_file
+from ia_bench.common.paths import PACKAGE
 from ia_bench.common.ranges import Number
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion import encoding
 from ia_bench.priors.diffusion.encoding import Frame, enlarge, enlarge_by_difference, enlarge_by_gain
-from ia_bench.priors.diffusion.network import DESCRIPTION, Conditioned, MaterialNetwork, NetworkConfig, fingerprint, load_network
+from ia_bench.priors.diffusion.network import DESCRIPTION, FILES, Conditioned, MaterialNetwork, NetworkConfig, load_network
 from ia_bench.priors.inputs import Device, Precision, choose_device, content_number, use_bf16
 from ia_bench.priors.weight_files import read_description
 
-VERSION = 5
-"""Part of the fingerprint; raised when a change of the code changes samples."""
-PATCH_REDUCTION = 3.0
-"""Image pixels a native pixel may stand for before patches are worth their cost: up to 2.9 single views gain nothing."""
+PACKAGED = PACKAGE / "priors" / "weights"
+VERSION = 5  # part of the fingerprint; raised when a change of the code changes samples
 
 
 @dataclass(frozen=True)
 class Framed:
     """Images that share one size, ready for a network.
 
-    ``views``: which of the caller's images; ``frames`` and ``seeds``, one per image; ``condition`` (N, K, S, S); ``masks``
-    (N, S, S); exposure ``factor`` (N,).
+    ``frames``: by the number of the caller's image; ``seeds``, one per image; ``condition`` (N, K, S, S); ``masks`` (N, S, S);
+    exposure ``factor`` (N,).
     """
 
-    views: list[int]
-    frames: list[Frame]
+    frames: dict[int, Frame]
     seeds: list[int]
-    condition: Tensor = torch.empty(0)
-    masks: Tensor = torch.empty(0)
-    factor: Tensor = torch.empty(0)
+    condition: Tensor
+    masks: Tensor
+    factor: Tensor
 
-    def cut(self, values: Tensor) -> Tensor:
-        """The squares (N, S, S, C) of values (V, H, W, C) of all of the caller's images."""
-        return torch.stack([frame.cut(values[view]) for view, frame in zip(self.views, self.frames, strict=True)])
+
+def cut(values: Tensor, frames: Mapping[int, Frame]) -> Tensor:
+    """The squares (N, S, S, C) at ``frames`` of values (V, H, W, C) of all images."""
+    return torch.stack([frame.cut(values[view]) for view, frame in frames.items()])
 
 
 Predict = Callable[[MaterialNetwork, Framed, Mapping[str, Tensor], Counter[str]], Tensor]
@@ -56,23 +55,32 @@ Predict = Callable[[MaterialNetwork, Framed, Mapping[str, Tensor], Counter[str]]
 
 def weights_folder(weights: str | None, kind: str) -> Path:
     """The folder of weights that an option names, or that of the package with those of this ``kind``."""
-    return Path(weights).expanduser() if weights else Path(str(files("ia_bench.priors") / "weights" / kind))
+    return Path(weights).expanduser() if weights else PACKAGED / kind
 
 
+@dataclass(kw_only=True, eq=False)
 class LearnedPrior(ABC):
     """Base of the priors with networks.
 
-    ``weights``: a folder that ia_bench_training.train wrote, one with a folder for each component in it, or None for the
-    weights that come with the package. ``geometry``: let the network see normals and visibility where a scene has them.
-    ``batch``: images at a time, which changes no sample beyond rounding. ``precision``: float32, bf16, or auto (bf16 where it
-    is fast). ``device``: auto, cpu or cuda; auto is CUDA where there is some, but the CPU in a run with device=cpu.
+    Attributes:
+        weights: A folder that ia_bench_training.train wrote, one with a folder for each component in it, or None for the
+            weights that come with the package.
+        geometry: Let the network see normals and visibility where a scene has them.
+        batch: Images at a time, which changes no sample beyond rounding.
+        precision: float32, bf16, or auto (bf16 where it is fast).
+        device: auto, cpu or cuda; auto is CUDA where there is some, but the CPU in a run with device=cpu.
 
-    Raises InputError for weights that cannot be used.
+    Raises:
+        InputError: The weights cannot be used.
     """
 
     kind: ClassVar[str]  # of its networks, and the name of its packaged weights
     stochastic: ClassVar[bool]  # and guidable: without noise there is nothing to draw
-    patches: bool | Literal["auto"] = False  # whether larger images are predicted in patches of the native size, not reduced to it
+    weights: str | None = None
+    geometry: bool = False
+    batch: Number = 64
+    precision: Precision = "auto"
+    device: Device = "auto"
 
     @classmethod
     def resolved_options(cls, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -85,41 +93,32 @@ class LearnedPrior(ABC):
         """What samples depend on beside code and options: the weights."""
         return [weights_folder(options.get("weights"), cls.kind)]
 
-    def __init__(
-        self,
-        *,
-        weights: str | None = None,
-        geometry: bool = False,
-        batch: Number = 64,
-        precision: Precision = "auto",
-        device: Device = "auto",
-    ) -> None:
-        self._folder = weights_folder(weights, self.kind)
-        self._device = choose_device(device)
-        self.bf16 = use_bf16(precision, self._device)
-        parts = [self._folder / name for name in COMPONENTS if (self._folder / name / DESCRIPTION).is_file()]
-        self._parts = parts or [self._folder]
+    def __post_init__(self) -> None:
+        folder = weights_folder(self.weights, self.kind)
+        self._device = choose_device(self.device)
+        self.bf16 = use_bf16(self.precision, self._device)
+        self._parts = [folder / name for name in COMPONENTS if (folder / name / DESCRIPTION).is_file()] or [folder]
         self._configs = [read_description(part / DESCRIPTION, NetworkConfig)[0] for part in self._parts]
         for part, config in zip(self._parts, self._configs, strict=True):
             if config.kind != self.kind:
                 raise InputError(f"{part}/prior.json: kind: expected {self.kind}, found {config.kind}")
-            if geometry and not config.geometry:
+            if self.geometry and not config.geometry:
                 raise InputError(f"prior.options.geometry=true: {part}: expected weights trained with geometry, found none of it")
         sizes, components = [config.size for config in self._configs], [name for each in self._configs for name in each.components]
         if len(set(sizes)) > 1 or len(set(components)) < len(components):
             found = f"sizes {sizes} and components {', '.join(components)}"
-            raise InputError(f"{self._folder}: expected networks of one size without a component in common, found {found}")
-        self._geometry = geometry
-        wants = frozenset({"normals", "visibility"} if geometry else ())
+            raise InputError(f"{folder}: expected networks of one size without a component in common, found {found}")
+        wants = frozenset({"normals", "visibility"} if self.geometry else ())
         self.info = PriorInfo(frozenset(components), self.stochastic, self.stochastic, sizes[0], wants=wants)
-        self._native, self.batch = sizes[0], batch
+        self._native = sizes[0]
 
     @property
     def fingerprint(self) -> str:
         """What decides the samples: this code's version, the options, the content of the weights."""
-        content = [fingerprint(part) for part in self._parts]
+        files = {part: [file for name in (DESCRIPTION, *FILES) if is_file(file := part / name)] for part in self._parts}
+        content = [hash_of_files(*each) for each in files.items()]
         where = [self._device.type, "bf16" if self.bf16 else "float32", self.batch]  # which decide the last bits
-        options = {"geometry": self._geometry, **self._options()}
+        options = {"geometry": self.geometry, **self._options()}
         return json.dumps([type(self).__qualname__, VERSION, options, where, content], sort_keys=True)
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
@@ -136,6 +135,10 @@ class LearnedPrior(ABC):
     def _options(self) -> dict[str, Any]:
         """The options that change samples, besides those of this class."""
         return {}
+
+    def _patched(self, reduction: float) -> bool:
+        """Whether an image of so many pixels per native pixel is predicted in patches of the native size, not reduced to it."""
+        return False
 
     @abstractmethod
     def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
@@ -158,17 +161,17 @@ class LearnedPrior(ABC):
             components = network.config.components
             for framed in self._framed(observed, seed, network.config, reduced=reduced):
                 encoded = {
-                    name: encoding.encode(name, framed.cut(render), framed.masks, framed.factor).to(self._device)
+                    name: encoding.encode(name, cut(render, framed.frames), framed.masks, framed.factor).to(self._device)
                     for name, render in renders.items()
                     if name in components
                 }
                 predicted = predict(network, framed, encoded, cost).float().cpu()
                 if "specular" in components:  # which ends at the white of its encoding
-                    ceiling[framed.views] = 1.0 / framed.factor
+                    ceiling[list(framed.frames)] = 1.0 / framed.factor
                 for name, part in zip(components, predicted.split(3, 1), strict=True):
-                    for row, view in enumerate(framed.views):
+                    for row, (view, frame) in enumerate(framed.frames.items()):
                         mask, factor = masks[view].float()[None], framed.factor[row : row + 1]
-                        place, known = (framed.frames[row], _display(part[row])), (framed.masks[row] > 0).float()
+                        place, known = (frame, _display(part[row])), (framed.masks[row] > 0).float()
                         if name in encoded:
                             full = encoding.encode(name, renders[name][view][None].float(), mask, factor)[0]
                             shown = enlarge_by_difference(*place, _display(encoded[name][row]), _display(full), known)
@@ -187,32 +190,30 @@ class LearnedPrior(ABC):
     def _framed(self, observed: Observations, seed: int, config: NetworkConfig, *, reduced: bool) -> list[Framed]:
         """The images grouped by the size at which they are predicted, at most ``batch`` at a time."""
         images, masks = observed.images.float(), observed.masks.float()
-        groups: dict[int, list[tuple[int, Frame]]] = {}
+        groups: dict[int, dict[int, Frame]] = {}
         for view, mask in enumerate(masks):
             frame = Frame.around(mask, self._native)
             if frame is None:
                 continue
-            reduction = frame.length / self._native
-            if reduction > 1 and not reduced and (self.patches is True or (self.patches and reduction > PATCH_REDUCTION)):
+            if not reduced and self._patched(frame.length / self._native):
                 frame = Frame.around(mask, None) or frame
-            groups.setdefault(frame.side, []).append((view, frame))
+            groups.setdefault(frame.side, {})[view] = frame
         found = []
         for members in groups.values():
             for start in range(0, len(members), self.batch):
-                views, frames = map(list, zip(*members[start : start + self.batch], strict=True))
-                seeds = [derive_seed(seed, content_number(images[view], masks[view])) for view in views]
+                frames = dict(list(members.items())[start : start + self.batch])
+                seeds = [derive_seed(seed, content_number(images[view], masks[view])) for view in frames]
                 if len(config.components) < len(COMPONENTS):  # or networks of one component each would draw from the same noise
                     seeds = [derive_seed(one, COMPONENTS.index(config.components[0]), 0) for one in seeds]
-                framed = Framed(views, frames, seeds)
-                radiance, coverage = framed.cut(images), framed.cut(masks[..., None])[..., 0].clamp(0, 1)
+                radiance, coverage = cut(images, frames), cut(masks[..., None], frames)[..., 0].clamp(0, 1)
                 factor = encoding.exposure(radiance, coverage)
                 condition = encoding.encode_image(radiance, coverage, factor)
                 if config.geometry:
-                    seen = condition.new_zeros(len(views), 4, *condition.shape[-2:])  # as in training where nobody knows it
-                    if self._geometry and observed.normals is not None and observed.visibility is not None:
-                        seen = encoding.encode_geometry(framed.cut(observed.normals), framed.cut(observed.visibility))
+                    seen = condition.new_zeros(len(frames), 4, *condition.shape[-2:])  # as in training where nobody knows it
+                    if self.geometry and observed.normals is not None and observed.visibility is not None:
+                        seen = encoding.encode_geometry(cut(observed.normals, frames), cut(observed.visibility, frames))
                     condition = torch.cat([condition, seen], 1)
-                found.append(replace(framed, condition=condition.to(self._device), masks=coverage, factor=factor))
+                found.append(Framed(frames, seeds, condition.to(self._device), coverage, factor))
         return found
 
 

@@ -25,7 +25,7 @@ from ia_bench.common.ranges import Number
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion.sampler import SCHEDULE_KEYS, Denoise, NoiseSchedule
-from ia_bench.priors.weight_files import content_hash, fill, read_description
+from ia_bench.priors.weight_files import fill, read_description
 
 Kind = Literal["diffusion", "regressor"]
 IMAGE_CHANNELS = 4  # colour and mask
@@ -274,11 +274,6 @@ def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
     for name, module in modules_of(network).items():
         fill(module, folder / name)
     return network.eval().requires_grad_(False), provenance
-
-
-def fingerprint(folder: Path) -> str:
-    """SHA-256 over the files that determine the network's output."""
-    return content_hash(folder / name for name in (DESCRIPTION, *FILES))
 
 
 def modules_of(network: MaterialNetwork) -> dict[str, nn.Module]:

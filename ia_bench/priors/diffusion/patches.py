@@ -28,10 +28,8 @@ MakeDenoise = Callable[[Tensor], Denoise]
 Place = tuple[int, slice, slice, slice]
 """Where a patch lies: (image, all channels, rows, columns), an index into (N, C, H, W)."""
 
-OVERLAP = 0.5
-"""Least share of a patch's side that its neighbour covers too."""
-STRENGTH = 100.0
-"""How strongly the coarse sample guides the patches; see guidance.py."""
+OVERLAP = 0.5  # least share of a patch's side that its neighbour covers too
+STRENGTH = 100.0  # how strongly the coarse sample guides the patches; see guidance.py
 
 
 def sample_large(

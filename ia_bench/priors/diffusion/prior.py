@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import torch
@@ -19,59 +19,51 @@ from ia_bench.priors.diffusion.learned import Framed, LearnedPrior
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import sample_large
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, seeded_noise
-from ia_bench.priors.inputs import Device, Precision
 
+PATCH_REDUCTION = 3.0
+"""Image pixels a native pixel may stand for before patches are worth their cost: up to 2.9 single views gain nothing."""
 DISTILLED_LEVELS = (0.02, 0.98)
 """Share of the schedule from which score distillation draws its noise level; the ends teach nothing (DreamFusion)."""
 
 
+@dataclass(kw_only=True, eq=False)
 class DiffusionPrior(LearnedPrior):
     """Samples of p(albedo, specular | image), the paper's sections 3.2 and 3.3.
 
-    ``steps``, ``eta``: of the sampler (DDIM 0 ... ancestral 1).
-    ``patches``: predict the image in overlapping native-size patches at full resolution (the paper's equation 6) instead of
-    reducing it to the native size; "auto": images that would be reduced more than 3 times. ``guidance_rule``,
-    ``guidance_norm``, ``guidance_strength``, ``prior_variance``: how stage 2's samples are drawn toward the current renders, each
-    component by a norm of its own (equation 8; :mod:`ia_bench.priors.diffusion.guidance`). Other options as in
-    :class:`ia_bench.priors.diffusion.learned.LearnedPrior`. Its cost counts guided estimates, those whose step was cut, and
-    images that were predicted in patches.
+    Its cost counts guided estimates, those whose step was cut, and images that were predicted in patches.
+
+    Attributes:
+        steps, eta: Of the sampler (DDIM 0 ... ancestral 1).
+        patches: Predict the image in overlapping native-size patches at full resolution (the paper's equation 6) instead of
+            reducing it to the native size; "auto": images that would be reduced more than 3 times.
+        guidance_rule, guidance_norm, guidance_strength, prior_variance: How stage 2's samples are drawn toward the current
+            renders, each component by a norm of its own (equation 8; :mod:`ia_bench.priors.diffusion.guidance`).
     """
 
     kind = "diffusion"
     stochastic = True
+    steps: Number = 3
+    eta: UnitInterval = 0.0
+    patches: bool | Literal["auto"] = "auto"
+    guidance_rule: Rule = "variance"
+    guidance_norm: Norm = "squared"
+    guidance_strength: NotNegative = 10.0
+    prior_variance: Positive = DEFAULT_PRIOR_VARIANCE
 
-    def __init__(
-        self,
-        *,
-        weights: str | None = None,
-        steps: Number = 3,
-        eta: UnitInterval = 0.0,
-        patches: bool | Literal["auto"] = "auto",
-        geometry: bool = False,
-        guidance_rule: Rule = "variance",
-        guidance_norm: Norm = "squared",
-        guidance_strength: NotNegative = 10.0,
-        prior_variance: Positive = DEFAULT_PRIOR_VARIANCE,
-        batch: Number = 64,
-        precision: Precision = "auto",
-        device: Device = "auto",
-    ) -> None:
-        super().__init__(weights=weights, geometry=geometry, batch=batch, precision=precision, device=device)
-        self.patches = patches
+    def __post_init__(self) -> None:
+        super().__post_init__()
         longest = min(config.timesteps for config in self._configs)
-        if steps > longest:
-            raise InputError(f"prior.options.steps: expected at most {longest} (the schedule's length), found {steps}")
-        self.settings = SamplerSettings(steps=steps, eta=eta)
-        self.guidance_strength = guidance_strength
-        self._guidance = Guidance((), guidance_rule, guidance_norm, prior_variance)
+        if self.steps > longest:
+            raise InputError(f"prior.options.steps: expected at most {longest} (the schedule's length), found {self.steps}")
+        self._settings = SamplerSettings(steps=self.steps, eta=self.eta)
+        self._guidance = Guidance((), self.guidance_rule, self.guidance_norm, self.prior_variance)
 
     def _options(self) -> dict[str, Any]:
-        manner = self._guidance
-        return {
-            "sampler": [self.settings.steps, self.settings.eta],
-            "guidance": [manner.rule, manner.norm, manner.prior_variance, self.guidance_strength],
-            "patches": self.patches,
-        }
+        guidance = [self.guidance_rule, self.guidance_norm, self.prior_variance, self.guidance_strength]
+        return {"sampler": [self.steps, self.eta], "guidance": guidance, "patches": self.patches}
+
+    def _patched(self, reduction: float) -> bool:
+        return reduction > (PATCH_REDUCTION if self.patches == "auto" else 1) and self.patches is not False
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :class:`ia_bench.priors.diffusion.learned.LearnedPrior`; without strength a guided sample is an unguided one."""
@@ -111,8 +103,8 @@ class DiffusionPrior(LearnedPrior):
             weights = [torch.cat([(inside * (own == name)).expand_as(absent) for own in config.components], 1) for name in render]
             guidance = replace(guidance, pulls=tuple(Pull(target, self.guidance_strength, weight) for weight in weights))
         if condition.shape[-1] > config.size:
-            cost["patched_images"] += len(framed.views)
-            masks, manner = framed.masks[:, None], (self.settings, guidance)
+            cost["patched_images"] += len(framed.frames)
+            masks, manner = framed.masks[:, None], (self._settings, guidance)
             return sample_large(bind, schedule, like, condition, masks, framed.seeds, *manner, batch=self.batch)
         denoise = guidance.guiding(bind(condition), schedule)
-        return sample(denoise, schedule, (len(condition), *like), framed.seeds, self.settings, device=self._device)
+        return sample(denoise, schedule, (len(condition), *like), framed.seeds, self._settings, device=self._device)

@@ -6,7 +6,6 @@ and TensoIR-Synthetic have a folder for each view.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +28,7 @@ from ia_bench.readers.writers.parts import (
     save_photo,
     save_png,
     save_truth,
+    splits_of,
     unit_normals,
 )
 from ia_bench.scenes.color import linear_to_srgb
@@ -54,9 +54,19 @@ def lens_of(camera: Camera) -> dict[str, float]:
     return {"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": camera.width, "h": camera.height}
 
 
-def save_frames(path: Path, views: Sequence[View], frames: list[dict[str, Any]]) -> None:
-    """Write the file of a split whose views have one field of view."""
-    save_json(path, {"camera_angle_x": angle_x(views[0].camera), "frames": frames} if views else {"frames": []})
+def save_splits(folder: Path, scene: Scene, name: str, photo: str) -> dict[str, list[View]]:
+    """Write transforms_train.json and transforms_test.json of the format ``name``, and return the views of both.
+
+    ``photo`` makes a number what the photograph of that number is called in the folder of its split. Raises InputError for views
+    of several fields of view.
+    """
+    splits = splits_of(scene)
+    for split, views in splits.items():
+        expect_central(name, [*scene.train[:1], *views], alike=True)
+        frames = [frame_of(view, f"./{split}/{photo.format(number)}") for number, view in enumerate(views)]
+        angle = {"camera_angle_x": angle_x(views[0].camera)} if views else {}
+        save_json(folder / f"transforms_{split}.json", {**angle, "frames": frames})
+    return splits
 
 
 def write_native(folder: Path, scene: Scene) -> Options:
@@ -103,7 +113,7 @@ def write_native(folder: Path, scene: Scene) -> Options:
 def write_nerfstudio(folder: Path, scene: Scene) -> Options:
     """One list of frames, intrinsics in pixels, masks in files of their own."""
     frames, names = [], dict[str, list[str]](train=[], test=[])
-    for split, views in (("train", scene.train), ("test", [camera.view for camera in held_out(scene)])):
+    for split, views in splits_of(scene).items():
         for number, view in enumerate(views):
             name = f"{split}_{number:04}.png"
             save_png(folder / "images" / name, encoded(view))
@@ -120,32 +130,26 @@ def write_nerfstudio(folder: Path, scene: Scene) -> Options:
 
 def write_blender(folder: Path, scene: Scene) -> Options:
     """NeRF's Blender scenes: a file per split, paths without suffix, alpha in the pictures."""
-    for split, views in (("train", list(scene.train)), ("test", [camera.view for camera in held_out(scene)])):
-        expect_central("blender-nerf", [*scene.train[:1], *views], alike=True)
+    for split, views in save_splits(folder, scene, "blender-nerf", "r_{}").items():
         for number, view in enumerate(views):
             save_photo(folder / split / f"r_{number}.png", view)
-        frames = [frame_of(view, f"./{split}/r_{number}") for number, view in enumerate(views)]
-        save_frames(folder / f"transforms_{split}.json", views, frames)
     save_obj(folder / "mesh.obj", scene)
     return {}
 
 
 def write_synthetic4relight(folder: Path, scene: Scene) -> Options:
     """Linear training photographs, held-out ones in 8 bits with albedo and roughness beside them, relit ones in test_rli."""
-    others, own = held_out(scene), own_light(scene, "envmap3")
-    for split, views in (("train", list(scene.train)), ("test", [camera.view for camera in others])):
-        expect_central("synthetic4relight", [*scene.train[:1], *views], alike=True)
-        frames = [frame_of(view, f"./{split}/{number:03}") for number, view in enumerate(views)]
-        save_frames(folder / f"transforms_{split}.json", views, frames)
+    own = own_light(scene, "envmap3")
+    save_splits(folder, scene, "synthetic4relight", "{:03}")
     for number, view in enumerate(scene.train):
         save_exr(folder / "train" / f"{number:03}_rgb.exr", straight(view.image, view.mask))
         save_png(folder / "train" / f"{number:03}_mask.png", view.mask)
-    for number, camera in enumerate(others):
-        view, place = camera.view, folder / "test"
+    for number, (view, others) in enumerate(held_out(scene)):
+        place = folder / "test"
         save_photo(place / f"{number:03}_rgba.png", view)
         save_truth(place / f"{number:03}_albedo.png", view.albedo, view.mask)
         save_truth(place / f"{number:03}_rough.png", view.roughness, view.mask)
-        for relit in camera.relit:
+        for relit in others:
             save_photo(folder / "test_rli" / f"{relit.light}_{number:03}.png", relit)
     save_obj(folder / "mesh.obj", scene)
     return {"light": own, **save_lights(folder, scene, own, ".exr")}
@@ -154,21 +158,19 @@ def write_synthetic4relight(folder: Path, scene: Scene) -> Options:
 # ---------------------------------------------------------------- Stanford-ORB
 def write_stanford_orb(folder: Path, scene: Scene) -> Options:
     """One capture of the object, and held-out views of others, one for each other light, with the light as each camera sees it."""
-    others = held_out(scene)
-    lights = sorted({view.light for camera in others for view in camera.relit})
+    cameras = held_out(scene)
+    lights = sorted({view.light for _, others in cameras for view in others})
     captures = {light: f"object_scene{number:03}" for number, light in enumerate(["train", *lights], 1)}
     own, truth = folder / "blender_HDR" / captures["train"], folder / "ground_truth"
-    for split, views in (("train", list(scene.train)), ("test", [camera.view for camera in others])):
-        expect_central("stanford_orb", [*scene.train[:1], *views], alike=True)
+    for split, views in save_splits(own, scene, "stanford_orb", "{:04}").items():
         for number, view in enumerate(views):
             save_exr(own / split / f"{number:04}.exr", straight(view.image, view.mask))
             save_png(own / f"{split}_mask" / f"{number:04}.png", view.mask)
             if split == "test":
                 _save_orb_truth(truth / captures["train"], f"{number:04}", view)
-        save_frames(own / f"transforms_{split}.json", views, [frame_of(v, f"./{split}/{n:04}") for n, v in enumerate(views)])
     novel, maps = [], scene.truth.lights if scene.truth is not None else {}
-    for number, camera in enumerate(others):
-        for view in camera.relit:
+    for number, (_, others) in enumerate(cameras):
+        for view in others:
             capture, name = captures[view.light], f"{number:04}"
             save_exr(folder / "blender_HDR" / capture / "test" / f"{name}.exr", straight(view.image, view.mask))
             save_png(folder / "blender_HDR" / capture / "test_mask" / f"{name}.png", view.mask)
@@ -211,43 +213,36 @@ def seen_around(camera: Camera, radiance: np.ndarray) -> np.ndarray:
 # ---------------------------------------------------------------- a folder a view
 def write_tensoir(folder: Path, scene: Scene) -> Options:
     """Folders train_NNN and test_NNN; the training light's photographs are called by it and the angle that it is turned by."""
-    own, others = own_light(scene, "sunset"), held_out(scene)
-    expect_central("tensoir", [*scene.train, *(camera.view for camera in others)])
-    for number, view in enumerate(scene.train):
-        _save_view(folder / f"train_{number:03}", view, f"rgba_{own}_000.png", envmap=f"{own}.hdr")
-    for number, camera in enumerate(others):
-        place = folder / f"test_{number:03}"
-        _save_view(place, camera.view, f"rgba_{own}_000.png", envmap=f"{own}.hdr")
-        for relit in camera.relit:
-            save_photo(place / f"rgba_{relit.light}.png", relit)
-    save_obj(folder / "mesh.obj", scene)
+    own = own_light(scene, "sunset")
+    _save_view_folders(folder, scene, "tensoir", f"rgba_{own}_000.png", 0, {"envmap": f"{own}.hdr"})
     return {"light": own, **save_lights(folder, scene, own)}
 
 
 def write_nerfactor(folder: Path, scene: Scene) -> Options:
     """Folders train_NNN, val_NNN (half of the held-out ones) and test_NNN; the training light is three times its map."""
-    own, others = own_light(scene, "sunset"), held_out(scene)
-    expect_central("nerfactor", [*scene.train, *(camera.view for camera in others)])
-    light = {"envmap": f"{own}.hdr", "envmap_inten": STRENGTH}
-    for number, view in enumerate(scene.train):
-        _save_view(folder / f"train_{number:03}", view, "rgba.png", **light)
-    half = len(others) // 2
-    for number, camera in enumerate(others):
-        place = folder / (f"val_{number:03}" if number < half else f"test_{number - half:03}")
-        _save_view(place, camera.view, "rgba.png", **light)
-        for relit in camera.relit:
-            save_photo(place / f"rgba_{relit.light}.png", relit)
-    save_obj(folder / "mesh.obj", scene)
+    own, half = own_light(scene, "sunset"), len(held_out(scene)) // 2
+    _save_view_folders(folder, scene, "nerfactor", "rgba.png", half, {"envmap": f"{own}.hdr", "envmap_inten": STRENGTH})
     return save_lights(folder, scene, own, strength=STRENGTH)
 
 
-def _save_view(folder: Path, view: View, photo: str, **light: Any) -> None:  # noqa: ANN401 (JSON)
-    camera = view.camera
-    matrix = ",".join(repr(float(value)) for value in camera.to_world.ravel())
-    size = {"imw": camera.width, "imh": camera.height}
-    save_json(folder / "metadata.json", {"cam_transform_mat": matrix, "cam_angle_x": angle_x(camera), **size, **light})
-    save_photo(folder / photo, view)
-    save_truth(folder / "albedo.png", view.albedo, view.mask)
-    normal = unit_normals(view)
-    if normal is not None:
-        save_png(folder / "normal.png", 0.5 * normal + 0.5, view.mask)
+def _save_view_folders(folder: Path, scene: Scene, name: str, photo: str, validation: int, light: dict[str, Any]) -> None:
+    """Folders of the format ``name``: train_NNN, val_NNN for so many of the held-out cameras, and test_NNN for the others.
+
+    ``photo`` is what photographs under the training ``light`` are called, of which metadata.json tells.
+    """
+    others = held_out(scene)
+    expect_central(name, [*scene.train, *(view for view, _ in others)])
+    training: list[tuple[View, list[View]]] = [(view, []) for view in scene.train]
+    for split, cameras in {"train": training, "val": others[:validation], "test": others[validation:]}.items():
+        for number, (view, relit) in enumerate(cameras):
+            place, camera, normal = folder / f"{split}_{number:03}", view.camera, unit_normals(view)
+            matrix = ",".join(repr(float(value)) for value in camera.to_world.ravel())
+            size = {"imw": camera.width, "imh": camera.height}
+            save_json(place / "metadata.json", {"cam_transform_mat": matrix, "cam_angle_x": angle_x(camera), **size, **light})
+            save_photo(place / photo, view)
+            save_truth(place / "albedo.png", view.albedo, view.mask)
+            if normal is not None:
+                save_png(place / "normal.png", 0.5 * normal + 0.5, view.mask)
+            for other in relit:
+                save_photo(place / f"rgba_{other.light}.png", other)
+    save_obj(folder / "mesh.obj", scene)

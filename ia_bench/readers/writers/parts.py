@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,16 +28,11 @@ OFF_CENTRE = 0.51  # pixels by which a principal point may miss the middle where
 
 
 # ---------------------------------------------------------------- views
-@dataclass(frozen=True)
-class HeldOut:
-    """A held-out camera: its photograph under the training light, with the truth of a test view, and those under others."""
+def held_out(scene: Scene) -> list[tuple[View, list[View]]]:
+    """Held-out cameras, those of test views first: a photograph under the training light, and those under others.
 
-    view: View
-    relit: tuple[View, ...]
-
-
-def held_out(scene: Scene) -> list[HeldOut]:
-    """The cameras of test views and then those of novel views, of those that have a photograph under the training light."""
+    The first has the truth of a test view. A camera without one is left out.
+    """
     cameras: dict[bytes, list[View]] = {}
     for view in (*scene.test, *scene.novel):
         cameras.setdefault(view.camera.to_world.tobytes(), []).append(view)
@@ -47,13 +41,18 @@ def held_out(scene: Scene) -> list[HeldOut]:
         lit = [view for view in views if view.light == "train"]
         if lit:
             relit = {view.light: view for view in views if view.light != "train"}
-            found.append(HeldOut(lit[0], tuple(relit.values())))
+            found.append((lit[0], list(relit.values())))
     return found
+
+
+def splits_of(scene: Scene) -> dict[str, list[View]]:
+    """The photographs under the training light that are for training ("train"), and those that are held out ("test")."""
+    return {"train": [*scene.train], "test": [view for view, _ in held_out(scene)]}
 
 
 def lit_and_held_out(scene: Scene) -> list[View]:
     """Held-out photographs under the training light: of the views that have a true albedo, or of all where none has."""
-    views = [camera.view for camera in held_out(scene)]
+    views = splits_of(scene)["test"]
     return [view for view in views if view.albedo is not None] or views
 
 

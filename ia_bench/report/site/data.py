@@ -85,10 +85,8 @@ def page_data(findings: Findings, title: str, page: Path, live: dict[str, Any] |
 
     What many runs have alike, a configuration or a machine, is told once: a run names it by its place.
     """
-    once: tuple[dict[str, int], dict[str, int]] = {}, {}
     metrics = shown(findings)
-    runs = [_run(run, page, findings, metrics, *once) for run in findings.runs.to_dict("records")]
-    configurations, machines = ([json.loads(text) for text in places] for places in once)
+    runs = [_run(run, page, findings, metrics) for run in findings.runs.to_dict("records")]
     own = ("key", "group", "label", "title", "digits")
     return {
         "title": title,
@@ -103,10 +101,10 @@ def page_data(findings: Findings, title: str, page: Path, live: dict[str, Any] |
         "rows": [_row(line, findings) for line in findings.overall.lines],
         "scenes": list(findings.scenes),
         "whyPaper": WHY_THE_PAPER_DIFFERS,
-        "configurations": configurations,
-        "machines": machines,
+        "configurations": _told_once(runs, "configuration"),
+        "machines": _told_once(runs, "machine"),
         "runs": runs,
-        "pareto": [] if findings.timing is None else points(findings.runs, findings.timing),
+        "pareto": [] if findings.timing is None else points(findings.timing),
         **({} if live is None else {"live": live}),
     }
 
@@ -124,16 +122,9 @@ def _row(line: Line, findings: Findings) -> dict[str, Any]:
     }
 
 
-def _run(
-    run: dict[str, Any],
-    page: Path,
-    of: Findings,
-    metrics: Sequence[Metric],
-    configurations: dict[str, int],
-    machines: dict[str, int],
-) -> dict[str, Any]:
+def _run(run: dict[str, Any], page: Path, of: Findings, metrics: Sequence[Metric]) -> dict[str, Any]:
     found = _evidence(run)
-    machine = {**{key: run[key] for key in ("commit", "cpu", "threads") if not pd.isna(run[key])}, **found.pop("machine", {})}
+    machine = {**{key: run[key] for key in ("commit", "cpu", "threads") if not pd.isna(run[key])}, **found.get("machine", {})}
     phases = {name.removeprefix(TIMES): value for name, value in run.items() if name.startswith(TIMES) and value >= BRIEF}
     undefined = [] if run["problem"] is not None else [metric for metric in metrics if np.isnan(run[metric.column])]
     record = {
@@ -149,30 +140,35 @@ def _run(
         "hash": run["config_hash"],
         "preset": run["preset"],
         "folder": os.path.relpath(run["folder"], page).replace(os.sep, "/") if found else None,
-        "configuration": _place(found.pop("settings", {}), configurations),
-        "machine": _place(machine, machines),
         **found,
+        "machine": machine,
         "curve": None if run["curve"] is None else curve_data(run["curve"]),
     }
     return {key: value for key, value in record.items() if value is not None and value not in ({}, [], "")}
 
 
-def _place(entry: dict[str, Any], places: dict[str, int]) -> int | None:
-    return places.setdefault(json.dumps(entry), len(places)) if entry else None
+def _told_once(runs: list[dict[str, Any]], key: str) -> list[Any]:
+    """What runs have below ``key``, each once; in its place they get where it stands in this list."""
+    places: dict[str, int] = {}
+    for run in runs:
+        if key in run:
+            run[key] = places.setdefault(json.dumps(run[key]), len(places))
+    return [json.loads(text) for text in places]
 
 
 def _evidence(run: dict[str, Any]) -> dict[str, Any]:
     """What a run's folder says of how its numbers came about; nothing of a run that only a runs.csv knows.
 
-    ``settings``: its configuration, flat; ``command``: its command line; ``machine``: machine, versions and commit, flat;
-    ``files``: name -> the first digits of the SHA-256 of what the run wrote; ``renderer``: who drew the pictures that were scored.
+    ``configuration``: flat, without what every run tells by itself; ``command``: its command line; ``machine``: machine, versions
+    and commit, flat; ``files``: name -> the first digits of the SHA-256 of what the run wrote; ``renderer``: who drew the pictures
+    that were scored.
     """
     record, setup = run["record"], run["setup"]
     if record is None or setup is None:
         return {}
     packages = record.environment.get("packages")
     return {
-        "settings": {name: value for name, value in flat(setup.config).items() if not name.startswith(OF_A_RUN)},
+        "configuration": {name: value for name, value in flat(setup.config).items() if not name.startswith(OF_A_RUN)},
         "command": setup.command,
         "machine": {key: record.environment[key] for key in MACHINE if record.environment.get(key) is not None}
         | (flat(packages, "packages.") if isinstance(packages, dict) else {}),

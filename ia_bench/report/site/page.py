@@ -10,7 +10,7 @@ import hashlib
 import re
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib import resources
@@ -20,23 +20,23 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import compact_json
+from ia_bench.report import statistics
+from ia_bench.report import table as tables
 from ia_bench.report.blocks import Block, Line
 from ia_bench.report.collect import Runs, collect
 from ia_bench.report.curves import read_curve
 from ia_bench.report.findings import Findings, analyse
 from ia_bench.report.seconds import BEYOND, WORTH_METRICS
-from ia_bench.report.site.data import COSTS, WHY_THE_PAPER_DIFFERS, curve_data, definition, is_headline, page_data, short, shown
-from ia_bench.report.statistics import HOW_DECIDED, HOW_JUDGED, INTERVALS, Estimate, Paired, tally
-from ia_bench.report.table import BOUNDS, ORIGINS, OUR_TABLE, claims_table, difference_text, estimate_text
+from ia_bench.report.site import data
+from ia_bench.report.statistics import Estimate, Paired
+from ia_bench.report.table import BOUNDS, difference_text, estimate_text, seconds_text
 from ia_bench.report.worth import maps
-from ia_bench.report.write import remove_all_but, write_text
+from ia_bench.report.write import remove_all_but, write_whole
 from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, Overview
 from ia_bench.runs.folder import CURVE
 from ia_bench.runs.table import Table, crossed_name
-from ia_bench.scores.metrics import Metric
 
 INDEX, PARTS = "index.html", "parts"
 VIEWER, PICTURES = "model-viewer-umd.min.js", "pictures.js"
@@ -94,45 +94,32 @@ def write_page(
     has to know, by which "key" its finished cells are known, and "every" how many seconds there are news; None for a report.
     """
     gallery = gallery or Gallery()
-    folder.mkdir(parents=True, exist_ok=True)
-    data = page_data(findings, title, folder, live)
+    found = data.page_data(findings, title, folder, live)
     loader = PackageLoader("ia_bench.report.site")
     templates = Environment(trim_blocks=True, lstrip_blocks=True, autoescape=True, undefined=StrictUndefined, loader=loader)
     text = templates.get_template("page.html.j2").render(
         title=title,
         live=live,
-        worth=maps(findings.gains),
         gallery=gallery,
         findings=findings,
+        worth=maps(findings.gains),
         scopes=scopes(findings),
-        claims=claims_table(findings.verdicts, findings.scenes),
-        origins=ORIGINS,
-        tally=tally,
-        our_table=OUR_TABLE,
-        intervals=INTERVALS,
-        how_decided=HOW_DECIDED.format(family="all metrics of a table"),
-        how_decided_of_gains=HOW_DECIDED.format(family="all cells of one metric"),
-        how_judged=HOW_JUDGED,
-        metrics=shown(findings),
-        rows={row["name"]: row for row in data["rows"]},
-        is_headline=is_headline,
-        definition=definition,
-        costs=COSTS,
-        why_the_paper_differs=WHY_THE_PAPER_DIFFERS,
+        metrics=data.shown(findings),
+        rows={row["name"]: row for row in found["rows"]},
         crossed_name=crossed_name,
-        difference_text=difference_text,
-        data=_json(data),
+        table=tables,
+        statistics=statistics,
+        words=data,
+        data=_json(found),
         styles=[_part(name) for name in STYLES],
         scripts=[_part(name) for name in (*VENDORED, *(f"assets/{name}.js" for name in SCRIPTS))],
     )
     if gallery.scenes:
-        described = f"window.benchPictures={_json(gallery.scenes)};\n".encode()
-        for name, part in {VIEWER: _content(f"vendor/{VIEWER}.gz"), PICTURES: described}.items():
-            with whole_file(folder / PARTS / name) as partial:
-                partial.write_bytes(part)
+        write_whole(folder / PARTS / VIEWER, _content(f"vendor/{VIEWER}.gz"))
+        write_whole(folder / PARTS / PICTURES, f"window.benchPictures={_json(gallery.scenes)};\n")
     else:
         remove_all_but((), (folder / PARTS / name for name in (VIEWER, PICTURES)))
-    return write_text(folder / INDEX, re.sub(r"\n\s+(?=<)", "\n", text))  # without the indentation of the templates
+    return write_whole(folder / INDEX, re.sub(r"\n\s+(?=<)", "\n", text))  # without the indentation of the templates
 
 
 def draw_pictures(runs: Runs, parts: Path, note: Callable[[str], None]) -> Gallery:
@@ -170,43 +157,49 @@ def _content(name: str) -> bytes:
 def scopes(findings: Findings) -> list[tuple[Block, list[tuple[Line, list[Number]]]]]:
     """The mean over scenes, where there are several, then every scene: each with a line of numbers for every row."""
     blocks = [*([findings.overall] if len(findings.scenes) > 1 else []), *findings.blocks]
-    return [
-        (block, [(one, _numbers(one, block, shown(findings), _gains(one.row, block, findings))) for one in block.lines])
-        for block in blocks
-    ]
+    return [(block, [(one, _numbers(one, block, findings)) for one in block.lines]) for block in blocks]
 
 
 def _gains(row: str, block: Block, findings: Findings) -> list[Number]:
     """What a row gains over its reference, and at equal seconds; nothing where no row is compared with one."""
     if findings.timing is None:
         return []
-    one, metric, numbers = findings.gained.get(row), WORTH_METRICS[0], []
+    references = [clock.reference for clock in findings.timing.clocks]
+    one, numbers = None if row in references else findings.timing.gains[WORTH_METRICS[0]].get(row), []
     for key in ("gain", "equal"):
-        whole = Paired({}) if one is None or row in findings.timing.references else getattr(one, key)
-        pairs = whole if block is findings.overall else whole.of_scene(block.title)
-        text, _, width = difference_text(pairs, metric, block.scenes).partition(" ± ")
+        pairs = Paired({}) if one is None else getattr(one, key)
+        pairs = pairs if block is findings.overall else pairs.of_scene(block.title)
+        text, _, width = difference_text(pairs, WORTH_METRICS[0], block.scenes).partition(" ± ")
         late = f" {BEYOND}" if key == "equal" and pairs.count and one and one.beyond else ""
-        numbers.append(Number(key, text + late, short(mean.mean if (mean := pairs.over_seeds) else None), width))
+        numbers.append(Number(key, text + late, data.short(mean.mean if (mean := pairs.over_seeds) else None), width))
     return numbers
 
 
-def _numbers(one: Line, block: Block, metrics: Sequence[Metric], gains: Sequence[Number]) -> list[Number]:
+def _numbers(one: Line, block: Block, findings: Findings) -> list[Number]:
     ends = {BOUNDS[line.row]: line.values for line in block.lines if line.row in BOUNDS}
     numbers = []
-    for metric in metrics:
-        value = one.values[metric.key]
+    for metric in data.shown(findings):
+        value, whole = one.values[metric.key], one.whole.get(metric.key)
         text, _, width = estimate_text(value, metric, block.scenes).partition(" ± ")
-        share = _share(value, *(ends.get(name, {}).get(metric.key) for name in ("floor", "ceiling")))
-        best, why = block.is_best(one.row, metric), "; ".join(one.reasons[metric.key])
-        whole = (found := one.whole.get(metric.key)) and metric.text(found.mean)
-        sorted_by = None if value is None else short(value.mean)
-        numbers.append(Number(metric.key, text, sorted_by, width, share, best, why, is_headline(metric), whole or ""))
+        numbers.append(
+            Number(
+                metric.key,
+                text,
+                None if value is None else data.short(value.mean),
+                width,
+                share=_share(value, *(ends.get(name, {}).get(metric.key) for name in ("floor", "ceiling"))),
+                best=block.is_best(one.row, metric),
+                why="; ".join(one.reasons[metric.key]),
+                headline=data.is_headline(metric),
+                whole="" if whole is None else metric.text(whole.mean),
+            )
+        )
     seconds, memory = None if one.seconds is None else one.seconds.mean, one.peak_memory_bytes
     return [
         *numbers,
-        *gains,
-        Number("seconds", "–" if seconds is None else f"{seconds:.1f}{' (declared)' if one.declared else ''}", short(seconds)),
-        Number("memory", "–" if memory is None else f"{memory / 2**20:.0f}", short(memory), headline=False),
+        *_gains(one.row, block, findings),
+        Number("seconds", seconds_text(one), data.short(seconds)),
+        Number("memory", "–" if memory is None else f"{memory / 2**20:.0f}", data.short(memory), headline=False),
         Number("failed", f"{one.failed}/{one.runs}", one.failed),
     ]
 
@@ -245,7 +238,7 @@ def write_news(parts: Path, overview: Overview, every: float, *, ended: bool = F
     for one in overview.of(RUNNING):
         with suppress(InputError):  # it says so itself once it has finished
             if (curve := read_curve(one.cell.folder / CURVE)) is not None:
-                curves.append({"row": one.cell.row, "scene": one.cell.scene, **curve_data(curve)})
+                curves.append({"row": one.cell.row, "scene": one.cell.scene, **data.curve_data(curve)})
     news = {
         "key": key_of(overview),
         "every": every,
@@ -258,4 +251,4 @@ def write_news(parts: Path, overview: Overview, every: float, *, ended: bool = F
         ],
         "curves": curves,
     }
-    write_text(parts / "live.js", f"bench.news({compact_json(news)});\n")
+    write_whole(parts / "live.js", f"bench.news({compact_json(news)});\n")

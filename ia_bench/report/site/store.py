@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.report.collect import Runs, finished
+from ia_bench.report.write import write_whole
 from ia_bench.runs.config import slug
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.pictures import packing
@@ -156,7 +156,5 @@ def _scores(views: dict[str, Any], run: Recovered) -> dict[str, list[float | Non
 
 def _write(folder: Path, files: dict[str, bytes]) -> None:
     """Write ``files`` by name, those without a suffix as sheets of pictures."""
-    folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
-        with whole_file(folder / (name if "." in name else f"{name}.webp")) as unfinished:
-            unfinished.write_bytes(content)
+        write_whole(folder / (name if "." in name else f"{name}.webp"), content)

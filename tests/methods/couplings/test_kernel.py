@@ -39,8 +39,7 @@ def test_loss_is_that_of_a_loop(problem: Problem, seen: Tensor, texture: Tensor)
     pixels = torch.arange(0, len(seen), 5)
     partner, uv, found = one._partners(pixels, torch.Generator().manual_seed(0))
     there = fetch(texture, uv).double().numpy()
-    mask = np.stack([view.mask for view in problem.scene.train]).ravel()[problem.gbuffer.pixel.numpy()]
-    full = (problem.gbuffer.face >= 0).all(1).numpy() & (mask > 0.999)
+    full = (problem.gbuffer.filled & (problem.photographs.mask[:, 0] > 0.999)).numpy()
     colour, albedo = linear_to_srgb(prediction.double().numpy()), seen.double().numpy()
     total, weights, valid = 0.0, 0.0, 0
     for number in range(len(pixels) * PAIRS):

@@ -7,17 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from small_fit import altered
+from small_fit import altered, oracle
 from torch import Tensor
 
 from ia_bench.methods.contract import PixelSamples, Problem
 from ia_bench.methods.couplings.sampler import PriorSampler, pixel_samples
-from ia_bench.methods.photographs import restrict, view_geometry
+from ia_bench.methods.photographs import restrict, stacked, view_geometry
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
-from ia_bench.priors.oracle import OraclePrior
 from ia_bench.priors.validation import beyond_a_material
-from ia_bench.render.renderer import NoShadows, Renderer, texture_images
-from ia_bench.runs.scene import ToldPrior
+from ia_bench.render.renderer import Renderer, texture_images
 from ia_bench.scenes.scene import Scene
 
 
@@ -171,7 +169,7 @@ def test_samples_of_anything_else_are_drawn(problem: Problem, change: str) -> No
         brighter = replace(views[3], image=views[3].image * np.float32(1.001))
         problem = altered(problem, scene=replace(problem.scene, train=(*views[:3], brighter, *views[4:])))
     if change == "shadows":
-        problem = altered(problem, renderer=Renderer(problem.renderer.surface, NoShadows()))
+        problem = altered(problem, renderer=Renderer(problem.renderer.surface, None))
     asking = sampler(problem, prior, 8 if change == "seed" else 7, **settings)
     try:
         torch.set_num_threads(threads + (change == "threads"))
@@ -190,9 +188,8 @@ def targets_of(problem: Problem, sample: Mapping[str, Tensor], asked: tuple[int,
 
 
 def oracle_sample(scene: Scene, **dials: float) -> Mapping[str, Tensor]:
-    prior = ToldPrior(OraclePrior(**dials), lambda: scene.train)  # type: ignore[arg-type]
-    images, masks = (torch.from_numpy(np.stack([getattr(v, name) for v in scene.train])) for name in ("image", "mask"))
-    return prior.sample(Observations(images, masks, ALL), seed=0).values
+    shown = Observations(stacked(scene.train, "image"), stacked(scene.train, "mask"), ALL)
+    return oracle(scene, **dials).sample(shown, seed=0).values
 
 
 def test_targets_are_the_sample(problem: Problem, scene: Scene) -> None:

@@ -61,9 +61,6 @@ def test_noise_where_little_is_shown_goes_and_metal_stays(problem: Problem, monk
         assert float(mixed.max()) <= 1
 
 
-SIDE = 64
-
-
 def rows_of_paint(problem: Problem) -> tuple[Material, Tensor, Tensor]:
     """Two paints and roughnesses by height on the scene's mesh, the texels of one half of it, and those of all of its surface."""
     atlas = Atlas.of(problem.stage.mesh, SIDE, problem.device)
@@ -83,24 +80,15 @@ def rows_of_paint(problem: Problem) -> tuple[Material, Tensor, Tensor]:
     )
 
 
-def completed(problem: Problem, material: Material, observed: Tensor, amount: float) -> Material:
-    state = FitState(problem, None, None, observed, torch.Generator().manual_seed(0), None)  # type: ignore[arg-type]
-    return Symmetry(amount=amount).apply(material, state)
-
-
-def filled(problem: Problem, share: float) -> tuple[Material, Material, Tensor, Tensor]:
+def test_the_other_side_has_the_paint_of_its_height(problem: Problem) -> None:
     true, half, surface = rows_of_paint(problem)
     begun = Material(*(fill_unobserved(texture, half) for texture in (true.albedo, true.roughness)))
-    return true, completed(problem, begun, half, share), half, surface & ~half
-
-
-def test_the_other_side_has_the_paint_of_its_height(problem: Problem) -> None:
-    true, guess, half, hidden = filled(problem, 1.0)
-    _, kept, _, _ = filled(problem, 0.0)
+    state = FitState(problem, None, None, half, torch.Generator().manual_seed(0), None)  # type: ignore[arg-type]
+    guess = Symmetry(amount=1.0).apply(begun, state)
     for name in ("albedo", "roughness"):
-        truth, by_axis, by_neighbours = (getattr(one, name) for one in (true, guess, kept))
+        truth, by_axis, by_neighbours = (getattr(one, name) for one in (true, guess, begun))
         assert torch.equal(by_axis[half], truth[half])
-        error, former = (float((one - truth)[hidden].square().mean()) for one in (by_axis, by_neighbours))
+        error, former = (float((one - truth)[surface & ~half].square().mean()) for one in (by_axis, by_neighbours))
         assert error < 0.5 * former
 
 

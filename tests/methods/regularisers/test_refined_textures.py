@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from small_fit import SETTINGS, Found, Record, fit, regularised
+from small_fit import SETTINGS, Found, Record, altered, fit, regularised
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
@@ -97,11 +97,12 @@ def test_evidence_is_what_all_photographs_say(problem: Problem) -> None:
     half = (photographs + DARK * mean) / 2 - DARK * mean
     grey = half.mean(-1, keepdim=True)
     specular = (0.2 * (grey + DARK * mean)).expand_as(half)
-    off, shine = evidence(fusion, views, {"radiance": half, "specular": specular}, 64).unbind(-1)
+    off, shine = evidence(fusion, {"radiance": half, "specular": specular}, 64).unbind(-1)
     torch.testing.assert_close(shine, torch.full_like(shine, 0.2), rtol=0.05, atol=0)
     torch.testing.assert_close(off, torch.full_like(off, 0.6931), rtol=0.05, atol=0)
-    bounds = [replace(view, valid=torch.zeros(view.mask.shape).bool().numpy()) for view in views]
-    assert not evidence(fusion, bounds, {"radiance": half, "specular": specular}, 64)[..., 0].any()
+    bounds = tuple(replace(view, valid=torch.zeros(view.mask.shape).bool().numpy()) for view in views)
+    bounded = Fusion(altered(problem, scene=replace(problem.scene, train=bounds)), fusion.views)
+    assert not evidence(bounded, {"radiance": half, "specular": specular}, 64)[..., 0].any()
 
 
 def test_a_fit_is_shown_in_the_views_that_are_asked_about(problem: Problem, scene: Scene) -> None:
@@ -110,7 +111,7 @@ def test_a_fit_is_shown_in_the_views_that_are_asked_about(problem: Problem, scen
     material, light = Material(texture, 0.2 + 0.5 * texture[..., :1]), SampledLight.of(torch.ones(16, 32, 3))
     views, generator = (0, 3, 5), torch.Generator().manual_seed(0)
     fusion = Fusion(problem, views)
-    found = fitted_views(problem, fusion, views, material, light, generator)
+    found = fitted_views(fusion, material, light, generator)
     assert {name: maps.shape[-1] for name, maps in found.items()} == RENDERS
     surface, whole = problem.renderer.surface, problem.gbuffer
     for name, values in (("albedo", material.albedo), ("roughness", material.roughness)):
@@ -118,9 +119,9 @@ def test_a_fit_is_shown_in_the_views_that_are_asked_about(problem: Problem, scen
     many = problem.renderer.render_images(whole, material, light, 8 * SAMPLES, torch.Generator().manual_seed(1))
     for name in ("radiance", "specular"):
         torch.testing.assert_close(found[name].mean(), many[name][list(views)].mean(), rtol=0.02, atol=0)
-    asked = evidence(fusion, [problem.scene.train[view] for view in views], found, len(texture))
+    asked = evidence(fusion, found, len(texture))
     torch.testing.assert_close(found["evidence"], texture_images(surface, whole, asked)[list(views)])
-    every = evidence(Fusion(problem, tuple(range(len(many["radiance"])))), problem.scene.train, many, len(texture))
+    every = evidence(Fusion(problem, tuple(range(len(many["radiance"])))), many, len(texture))
     assert float((texture_images(surface, whole, every)[list(views)] - found["evidence"]).abs().mean()) > 0.01
 
 

@@ -23,7 +23,7 @@ SAMPLES = 256
 @pytest.fixture(scope="module")
 def known(problem: Problem) -> tuple[Problem, Material, SampledLight, Tensor]:
     """Photographs (P, 3) of a made-up material and light, without indirect light, and these two."""
-    renderer = problem.renderer.__class__(problem.renderer.surface, problem.renderer.visibility)
+    renderer = problem.renderer.__class__(problem.renderer.surface, problem.renderer.rays)
     problem = altered(problem, renderer=renderer, plan=replace(problem.plan, samples=SAMPLES))
     paint = torch.rand(SIDE // 4, SIDE // 4, 3, generator=torch.Generator().manual_seed(0)) * 0.6 + 0.2
     paint = torch.nn.functional.interpolate(paint.permute(2, 0, 1)[None], size=(SIDE, SIDE), mode="bilinear")[0].permute(1, 2, 0)
@@ -39,10 +39,8 @@ def photographed(problem: Problem, material: Material, light: SampledLight) -> T
 
 def taking(problem: Problem, radiance: Tensor, known: Tensor | None = None) -> Problem:
     """The same with other photographs (P, 3)."""
-    other = replace(problem)
-    vars(other).update(gbuffer=problem.gbuffer, renderer=problem.renderer, plan=problem.plan)
-    vars(other).update(photographs=replace(problem.photographs, radiance=radiance, known=known))
-    return other
+    known = problem.photographs.known if known is None else known
+    return altered(problem, photographs=replace(problem.photographs, radiance=radiance, known=known))
 
 
 def error(problem: Problem, albedo: Tensor, truth: Tensor) -> float:

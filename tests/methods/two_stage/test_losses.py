@@ -1,6 +1,7 @@
 """Variation against integrals, what each term must ignore and see, and that noise pulls the dual-buffer loss nowhere."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,15 +11,12 @@ from small_fit import TEXELS_ALONE, Record, altered, fit
 from torch import Tensor
 
 from benchmarks.reference import fetch
-from ia_bench.light.latlong import SampledLight
-from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.losses import PixelPairs, dual_buffer_loss, neighbouring_pixels, smoothness, total_variation
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import NoPrior
-from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.renderer import PixelRadiance, Renderer
-from ia_bench.scenes.color import tone_map
+from ia_bench.scenes.color import linear_to_srgb, tone_map
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -60,8 +58,7 @@ def first_hits(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_neighbours_are_neighbours_in_space_whatever_the_atlas_says(problem: Problem) -> None:
-    images = problem.pixels_of(torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]))
-    found = neighbouring_pixels(problem, images, scale=0.1)
+    found = neighbouring_pixels(problem, problem.photographs.radiance, scale=0.1)
     position, normal, uv = first_hits(problem)
     np.testing.assert_allclose(found.uv.numpy(), uv, atol=1e-5)
     own = np.arange(len(position))
@@ -97,21 +94,27 @@ def test_similar_neighbours_are_smoothed_and_edges_are_not(problem: Problem) -> 
     assert found.similarity[real].eq(1).all()
     left = problem.gbuffer.pixel % problem.gbuffer.shape[2] < 16
     painted = torch.where(left[:, None], 0.4, 4.0).expand(-1, 3)
-    across = left != left[neighbouring_pixels(problem, painted, 0.1).index[:, 0]]
+    found = neighbouring_pixels(problem, painted, 0.1)
+    across = left != left[found.index[:, 0]]
     assert across.sum() > 20
-    assert float(neighbouring_pixels(problem, painted, 0.1).similarity[across, 0].max()) < 1e-6
+    assert float(found.similarity[across, 0].max()) < 1e-6
     assert neighbouring_pixels(problem, torch.zeros_like(flat), 0.1).similarity.isfinite().all()
 
 
 # ---- two estimates that judge each other -----------------------------------------------------------------------------
+def crossed(first: Tensor, second: Tensor, target: Tensor, cut: float) -> Tensor:
+    """Of pixels that are all known."""
+    return dual_buffer_loss(first, second, target, cut, torch.ones(len(target), 1, dtype=torch.bool))
+
+
 def test_crossed_loss_without_noise_is_the_l1_beyond_its_cut_and_a_parabola_within() -> None:
     target = torch.tensor([[0.0, 0.05, 0.5], [1.0, 10.0, 1e6]])
     far = 3 * target + 1
     difference = (tone_map(far) - tone_map(target)).abs()
-    assert dual_buffer_loss(far, far, target, 1e-6).item() == pytest.approx(difference.mean().item(), rel=1e-6)
-    assert dual_buffer_loss(target, target, target, 0.1).item() == 0
+    assert crossed(far, far, target, 1e-6).item() == pytest.approx(difference.mean().item(), rel=1e-6)
+    assert crossed(target, target, target, 0.1).item() == 0
     near = (target[:, 1:] * 1.001, target[:, 1:] * 1.002)
-    values = [dual_buffer_loss(x, x, target[:, 1:], 0.1).item() for x in near]
+    values = [crossed(x, x, target[:, 1:], 0.1).item() for x in near]
     assert values[1] / values[0] == pytest.approx(4, rel=0.02)
 
 
@@ -124,11 +127,11 @@ def test_noise_pulls_the_l1_but_not_the_crossed_loss() -> None:
     target, count = torch.full((20_000, 1), 0.4), 20_000
     noise = 0.02 * torch.randn(2, count, 1, generator=generator)
     level = torch.ones(count, 1, requires_grad=True)
-    loss = dual_buffer_loss(target + level * noise[0], target + level * noise[1], target, 0.5)
-    (crossed,) = torch.autograd.grad(loss * count, level)
+    loss = crossed(target + level * noise[0], target + level * noise[1], target, 0.5)
+    (slope_of_both,) = torch.autograd.grad(loss * count, level)
     loss = (tone_map(target + level * noise.mean(0)) - tone_map(target)).abs().mean()
     (plain,) = torch.autograd.grad(loss * count, level)
-    assert abs(crossed.mean().item()) < 4 * crossed.std().item() / count**0.5
+    assert abs(slope_of_both.mean().item()) < 4 * slope_of_both.std().item() / count**0.5
     assert plain.mean().item() > 40 * plain.std().item() / count**0.5
 
 
@@ -138,7 +141,7 @@ def test_an_estimate_below_black_pulls_as_hard_as_one_at_its_target() -> None:
     slopes = []
     for value in (1.0, -0.5, -3.0):
         estimate = torch.tensor([[value]], requires_grad=True)
-        dual_buffer_loss(estimate, target + 1, target, 0.1).backward()
+        crossed(estimate, target + 1, target, 0.1).backward()
         slopes.append(float(estimate.grad))
     assert slopes[0] > 0
     assert slopes[1:] == pytest.approx([slopes[0]] * 2)
@@ -146,7 +149,7 @@ def test_an_estimate_below_black_pulls_as_hard_as_one_at_its_target() -> None:
 
 def test_crossed_loss_stays_finite_at_black_and_blinding_pixels() -> None:
     estimate = torch.tensor([[0.0, 1e6, 0.0]], requires_grad=True)
-    loss = dual_buffer_loss(estimate, estimate.detach(), torch.tensor([[0.0, 0.0, 1e6]]), 0.1)
+    loss = crossed(estimate, estimate.detach(), torch.tensor([[0.0, 0.0, 1e6]]), 0.1)
     (gradient,) = torch.autograd.grad(loss, estimate)
     assert bool(torch.isfinite(loss) & torch.isfinite(gradient).all())
 
@@ -166,16 +169,8 @@ def test_total_variation_is_the_mean_slope_over_the_sphere(height: int) -> None:
 class NoisyRenderer(Renderer):
     """Shows every pixel the mean of the light, times a log-normal factor of mean 1, independent in every entry."""
 
-    def render_pixels(
-        self,
-        gbuffer: GBuffer,
-        pixels: Tensor,
-        material: Material,
-        light: SampledLight,
-        samples: int,
-        generator: torch.Generator,
-        **_: object,
-    ) -> PixelRadiance:
+    def render_pixels(self, gbuffer: Any, pixels: Tensor, *rest: Any, **_: Any) -> PixelRadiance:
+        _material, light, _samples, generator = rest
         noise = torch.exp(NOISE * torch.randn(len(pixels), 1, generator=generator) - NOISE**2 / 2)
         value = light.radiance.mean((0, 1)) * noise
         return PixelRadiance(value, torch.zeros_like(value), torch.full_like(value, 0.5))
@@ -184,14 +179,11 @@ class NoisyRenderer(Renderer):
 NOISE, STEPS, PIXELS = 0.5, 400, 512
 
 
-def exact_tone_map(radiance: np.ndarray) -> np.ndarray:
-    y = np.log1p(radiance)
-    return np.where(y <= 0.0031308, 12.92 * y, 1.055 * np.maximum(y, 0.0031308) ** (1 / 2.4) - 0.055)
-
-
 def slope(radiance: np.ndarray) -> np.ndarray:
+    """That of the tone map, the sRGB curve of log(1 + radiance)."""
     step = 1e-5 * (1 + radiance)
-    return (exact_tone_map(radiance + step) - exact_tone_map(np.maximum(radiance - step, 0))) / (step + np.minimum(step, radiance))
+    up, down = (linear_to_srgb(np.log1p(at)) for at in (radiance + step, np.maximum(radiance - step, 0)))
+    return (up - down) / (step + np.minimum(step, radiance))
 
 
 @pytest.mark.verify
@@ -216,13 +208,13 @@ def test_gradient_of_a_step_is_that_of_independent_halves(
     settings = FitSettings(stage1_steps=STEPS, stage2_steps=0, pixels=PIXELS, guided=False, residual_cut=0.1)
     # The optimisers of other steps have no light of their own to look at.
     settings = replace(settings, rates=replace(settings.rates, scale_ambiguity=0.0), multigrid_rates=TEXELS_ALONE)
-    noisy = NoisyRenderer(problem.renderer.surface, problem.renderer.visibility)
+    noisy = NoisyRenderer(problem.renderer.surface, problem.renderer.rays)
     fit(altered(problem, renderer=noisy), NoPrior(), settings, record)
     assert len(gradients) == STEPS
     light = lights[0]
     assert all(torch.equal(light, other) for other in lights)
 
-    images = problem.pixels_of(torch.stack([torch.from_numpy(view.image) for view in problem.scene.train])).double().numpy()
+    images = problem.photographs.radiance.double().numpy()
     node, share = np.polynomial.hermite_e.hermegauss(60)
     share = share / share.sum()
     estimate = light.double().numpy() * np.exp(NOISE * node - NOISE**2 / 2)[:, None]  # (K, 3)

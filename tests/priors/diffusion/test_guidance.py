@@ -145,77 +145,40 @@ def test_paper_rule_is_the_gradient_through_the_network(norm: str, kind: str):
     assert float((found - expected).abs().max()) < 1e-5 * scale
 
 
-def explicit_limit(strength: float, mean: float, variance: float, target: Tensor, eigenvalue: Tensor) -> tuple[Tensor, Tensor]:
-    """Where infinitely many DDIM steps of the paper's rule with the squared norm end: offset and slope in the start noise.
+@pytest.mark.parametrize(("norm", "strength"), [("squared", 1.0), ("squared", 100.0), ("l2", 1.0), ("l2", 30.0)])
+@pytest.mark.parametrize("sigma", [0.0, 1.5])
+def test_the_paper_rule_follows_its_differential_equation(norm: str, strength: float, sigma: float):
+    """Whole paths from the same start noise, cut steps included, which end far from the posterior.
 
-    In the eigenbasis of the blur, (K,) ``target`` and ``eigenvalue``, with v = x_t / a: dv / d ln sigma = v - x_0(v), where the
-    guided x_0 = m - gain eigenvalue (eigenvalue m - target) and m = E[x_0 | v]. Without a blur the cut is gain <= 1.
+    With v = x_t / a: dv / d ln sigma = v - x_0(v). In the cosine basis, where a blur is diagonal, the guided x_0 is m - gain A e
+    with e = A m - y, m = E[x_0 | v]; the cut ends where the sum of gain e^2 / 2 is least along A e.
     """
-    eigen = eigenvalue.numpy()
-
-    def guided(sigma: float, v: np.ndarray, centre: float, goal: np.ndarray) -> np.ndarray:
-        share = variance / (variance + sigma**2)
-        x0 = share * v + (1 - share) * centre
-        gain = strength * sigma * math.sqrt(1 + sigma**2) * share
-        return x0 - (min(gain, 1.0) if np.allclose(eigen, 1) else gain) * eigen * (eigen * x0 - goal)
-
-    ends = []
-    nothing, noise = np.zeros(len(eigen)), np.full(len(eigen), math.sqrt(1 + 1e8))
-    for start, centre, goal in ((nothing, mean, target.numpy()), (noise, 0.0, nothing)):  # a slope knows no mean and no target
-
-        def flow(t: float, v: np.ndarray, known: tuple[float, np.ndarray] = (centre, goal)) -> np.ndarray:
-            return v - guided(math.exp(t), v, *known)
-
-        ran = solve_ivp(flow, (math.log(1e4), math.log(1e-4)), start, "LSODA", rtol=1e-8, atol=1e-10)
-        ends.append(torch.from_numpy(guided(1e-4, ran.y[:, -1], centre, goal)))
-    return ends[0], ends[1]
-
-
-@pytest.mark.parametrize(("strength", "sigma"), [(1.0, 0.0), (100.0, 0.0), (1.0, 1.5)])
-def test_the_paper_rule_has_the_bias_of_its_differential_equation(strength: float, sigma: float):
-    """Mean and full covariance, in the cosine basis, where a blur is diagonal; cut steps included, far from the posterior."""
-    mean, variance, count = 0.0, 0.09, math.prod(SIZE)
-    target, basis = random(1, 1, *SIZE, seed=20), cosine_basis()
-    eigenvalue = torch.einsum("ik,ij,jk->k", basis, matrix_of(blur_of(sigma)), basis)
-    offset, slope = explicit_limit(strength, mean, variance, basis.T @ target.flatten(), eigenvalue)
-    expected, errors = basis @ torch.diag(slope.square()) @ basis.T, []
-    for steps in (150, 300):
-        found_mean, found = affine_map(toward(target, strength, sigma=sigma, rule="paper"), steps, mean, variance)
-        assert float((found_mean - basis @ offset).norm() / offset.norm()) < 0.03
-        errors.append(float((found - expected).norm() / (variance * math.sqrt(count))))
-    assert errors[1] < 0.03
-    assert errors[1] < 0.75 * errors[0] + 1e-3
-
-
-@pytest.mark.parametrize("strength", [1.0, 30.0])
-def test_the_paper_rule_of_the_plain_norm_follows_its_differential_equation(strength: float):
-    """With ``l2`` all values of an image are coupled, and no posterior is Gaussian: whole paths, from the same start noise.
-
-    dv / d ln sigma = v - x_0(v) with x_0 = m - min(gain / |m - y|, 1) (m - y), the cut included.
-    """
-    mean, variance, count = 0.2, 0.09, math.prod(SIZE)
+    mean, variance, count, basis = 0.2, 0.09, math.prod(SIZE), cosine_basis().numpy()
     target, init = random(1, 1, *SIZE, seed=20), random(3, 1, *SIZE, seed=21)
-    goal = target.flatten().numpy()
+    goal, centre = basis.T @ target.flatten().numpy(), basis.T @ np.full(count, mean)
+    eigen = np.diag(basis.T @ matrix_of(blur_of(sigma)).numpy() @ basis)
 
-    def guided(sigma: float, v: np.ndarray) -> np.ndarray:
-        share = variance / (variance + sigma**2)
-        error = share * v + (1 - share) * mean - goal
-        gain = strength * sigma * math.sqrt(1 + sigma**2) * share
-        return goal + (1 - min(gain / np.linalg.norm(error), 1.0)) * error
+    def guided(level: float, v: np.ndarray) -> np.ndarray:
+        share = variance / (variance + level**2)
+        x0 = share * v + (1 - share) * centre
+        error = eigen * x0 - goal
+        step = eigen * error
+        gain = strength * level * math.sqrt(1 + level**2) * share / (np.linalg.norm(error) if norm == "l2" else 1)
+        return x0 - min(gain, step @ step / (eigen * step @ (eigen * step))) * step
 
     ends = []
-    for start in init.reshape(3, count).numpy() * math.sqrt(1 + 1e8):
+    for start in init.reshape(3, count).numpy() @ basis * math.sqrt(1 + 1e8):
         limits = math.log(1e4), math.log(1e-4)
         ran = solve_ivp(lambda t, v: v - guided(math.exp(t), v), limits, start, "LSODA", rtol=1e-8, atol=1e-10)
-        ends.append(torch.from_numpy(guided(1e-4, ran.y[:, -1])))
+        ends.append(torch.from_numpy(basis @ guided(1e-4, ran.y[:, -1])))
     expected, errors = torch.stack(ends), []
-    guidance = toward(target.expand(3, 1, *SIZE), strength, rule="paper", norm="l2")
+    guidance = toward(target.expand(3, 1, *SIZE), strength, sigma=sigma, rule="paper", norm=norm)
     for steps in (150, 300):
         schedule, settings, shape = wide_schedule(steps), SamplerSettings(steps, clip=None), (3, 1, *SIZE)
         denoise = guidance.guiding(gaussian_denoiser(schedule, mean, variance), schedule)
         found = sample(denoise, schedule, shape, lambda: init, settings, dtype=torch.float64).reshape(3, count)
         errors.append(float((found - expected).norm() / (expected - mean).norm()))
-    assert errors[1] < 0.02
+    assert errors[1] < 0.03
     assert errors[1] < 0.65 * errors[0] + 1e-3
 
 

@@ -7,7 +7,7 @@ from priors.tiny_network import tiny_config, tiny_weights
 from scipy.ndimage import gaussian_filter
 
 from ia_bench.checks.conformance import check_prior
-from ia_bench.checks.stack import painted_ball
+from ia_bench.checks.painted_ball import painted_ball, shown
 from ia_bench.common.errors import InputError
 from ia_bench.common.registry import built_in, create
 from ia_bench.common.seeds import derive_seed
@@ -36,23 +36,17 @@ def regressor_weights(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def ball():
-    return painted_ball(40, 36, 3).shown()
+    return shown(painted_ball(40, 36, 3))
 
 
 def failures(make):
     return [finding for finding in check_prior(make, painted_ball(24, 20, 3)) if finding.status == "fail"]
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {},
-        {"patches": True},
-        {"eta": 1.0, "batch": 1},
-        {"guidance_rule": "paper", "guidance_norm": "l2", "geometry": True},
-    ],
-    ids=str,
-)
+PAPER = {"guidance_rule": "paper", "guidance_norm": "l2"}
+
+
+@pytest.mark.parametrize("options", [{}, {"patches": True}, {"eta": 1.0, "batch": 1}, {**PAPER, "geometry": True}], ids=str)
 def test_the_prior_keeps_its_contract(weights, options):
     assert not failures(lambda: DiffusionPrior(weights=weights, steps=3, **options))
 
@@ -73,28 +67,23 @@ def test_two_networks_with_one_component_each_are_one_prior(tmp_path, ball):
     assert drawn.cost["network_calls"] == 2 * 2 * 3
 
 
+ALBEDO, SPECULAR = {"components": ("albedo",)}, {"components": ("specular",)}
+
+
 @pytest.mark.parametrize(
-    ("folders", "options", "message"),
+    ("folders", "message"),
     [
-        (
-            {"albedo": {"components": ("albedo",)}, "specular": {"components": ("specular",), "size": 32}},
-            {},
-            "one size .* found sizes .16, 32",
-        ),
-        (
-            {"albedo": {"components": ("albedo",)}, "specular": {}},
-            {},
-            "without a component in common, found .* components albedo, albedo",
-        ),
-        ({".": {"kind": "regressor"}}, {}, "kind: expected diffusion, found regressor"),
-        ({".": {"geometry": False}}, {"geometry": True}, "geometry=true: .*: expected weights trained with geometry"),
+        ({"albedo": ALBEDO, "specular": {**SPECULAR, "size": 32}}, "one size .* found sizes .16, 32"),
+        ({"albedo": ALBEDO, "specular": {}}, "without a component in common, found .* components albedo, albedo"),
+        ({".": {"kind": "regressor"}}, "kind: expected diffusion, found regressor"),
+        ({".": {"geometry": False}}, "geometry=true: .*: expected weights trained with geometry"),
     ],
 )
-def test_weights_that_make_no_prior_are_refused(tmp_path, folders, options, message):
+def test_weights_that_make_no_prior_are_refused(tmp_path, folders, message):
     for name, changes in folders.items():
         tiny_weights(tmp_path / "weights" / name, **changes)
     with pytest.raises(InputError, match=message):
-        DiffusionPrior(weights=str(tmp_path / "weights"), **options)
+        DiffusionPrior(weights=str(tmp_path / "weights"), geometry=True)
 
 
 def test_specular_follows_the_scale_of_the_image_and_albedo_does_not(weights, ball):
@@ -123,7 +112,7 @@ def test_strong_guidance_arrives_at_the_render(weights, ball):
 def test_each_component_is_drawn_by_a_norm_of_its_own(weights, ball, monkeypatch):
     """A network whose values do not depend on each other: the albedo knows nothing of a specular render far off."""
     monkeypatch.setattr(MaterialNetwork, "denoise", lambda self, noisy, timestep, condition, tokens: 0.3 * noisy)
-    prior = DiffusionPrior(weights=weights, steps=5, guidance_rule="paper", guidance_norm="l2")
+    prior = DiffusionPrior(weights=weights, steps=5, **PAPER)
     masks = ball.masks[..., None].expand_as(ball.images)
     render = {"albedo": 0.35 * masks, "specular": 100 * ball.images.amax() * masks}
     alone, both = (prior.sample(ball, seed=0, guidance=some) for some in ({"albedo": render["albedo"]}, render))

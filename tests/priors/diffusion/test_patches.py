@@ -68,12 +68,6 @@ def large(
     return sample_large(make, SCHEDULE, like, condition, whole, seeds, settings, guidance or Guidance(), batch=batch)
 
 
-@pytest.fixture
-def unguided(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The coarse sample does not draw the patches to it."""
-    monkeypatch.setattr(patches, "STRENGTH", 0.0)
-
-
 @pytest.mark.parametrize("side", [33, 37, 48, 64, 90, 107, 333])
 def test_patches_cover_everything_and_overlap(side: int):
     origins = list(patch_origins(side, 32))
@@ -110,8 +104,8 @@ def test_an_image_depends_neither_on_its_neighbours_nor_on_the_batch(eta: float,
     assert torch.equal(*both())
 
 
-@pytest.mark.usefixtures("unguided")
-def test_patches_without_foreground_are_skipped():
+def test_patches_without_foreground_are_skipped(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(patches, "STRENGTH", 0.0)
     condition, foreground, settings = random(2, 1, 96, 96), torch.zeros(2, 1, 96, 96), SamplerSettings(3)
     foreground[0, 0, :20, :20] = 1
     calls = []

@@ -3,6 +3,7 @@
 OpenAI's CLIP (Radford et al., ICML 2021) is written out in plain torch, because the converter translates its names itself.
 """
 
+from collections import OrderedDict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -57,10 +58,8 @@ class ClipBlock(nn.Module):
         super().__init__()
         self.attn = nn.MultiheadAttention(width, width // 64, batch_first=True)
         self.ln_1, self.ln_2 = nn.LayerNorm(width), nn.LayerNorm(width)
-        self.mlp = nn.Sequential()
-        self.mlp.add_module("c_fc", nn.Linear(width, 4 * width))
-        self.mlp.add_module("gelu", QuickGelu())
-        self.mlp.add_module("c_proj", nn.Linear(4 * width, width))
+        layers = {"c_fc": nn.Linear(width, 4 * width), "gelu": QuickGelu(), "c_proj": nn.Linear(4 * width, width)}
+        self.mlp = nn.Sequential(OrderedDict(layers))
 
     def forward(self, x: Tensor) -> Tensor:
         normed = self.ln_1(x)

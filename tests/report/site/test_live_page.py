@@ -80,10 +80,7 @@ def test_a_watch_follows_the_runs_and_ctrl_c_ends_it(
 
 
 def test_the_page_shows_the_cells_their_curves_and_what_has_finished_since(
-    results: Path,
-    watched: subprocess.Popen[str],
-    write_run_below: Callable[..., Path],
-    open_page: Callable[[Path], Any],
+    results: Path, watched: subprocess.Popen[str], write_run_below: Callable[..., Path], open_page: Callable[[Path], Any]
 ) -> None:
     told(results, lambda one: True)
     page = open_page(results / "live")

@@ -55,7 +55,7 @@ def _fitted(rng: np.random.Generator, seed: int, index: int, size: int) -> tuple
     assert isinstance(recovered.environment, LatLongEnvironment)
     material, light = recovered.material, SampledLight.of(recovered.environment.texels)
     generator, every = torch.Generator().manual_seed(index), tuple(range(len(views)))
-    fitted = fitted_views(problem, Fusion(problem, every), every, material, light, generator)
+    fitted = fitted_views(Fusion(problem, every), material, light, generator)
     normals, visibility = view_geometry(problem, shown)
     taken = [views[number] for number in shown]
     images = np.concatenate([np.stack([view.image for view in taken]), np.stack([view.mask for view in taken])[..., None]], -1)

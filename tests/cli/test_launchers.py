@@ -1,7 +1,7 @@
 """Every launcher makes the same table of the same cells, workers that die included; settings; what Slurm is told.
 
-Cells are real processes in which tests/cli/fake_run stands for the run. Ray and submitit are extras: without one, its cases are
-skipped. Slurm's commands are those of fake_slurm beside this file.
+Cells are real processes in which fake_run stands for the run. Ray and submitit are extras: without one, its cases are
+skipped. Slurm's commands are those of fake_slurm.
 """
 
 import fcntl
@@ -16,6 +16,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 
 import pytest
+from command_line import HERE, started
 
 from ia_bench.cli.table import main, parse
 from ia_bench.common.errors import InputError
@@ -28,7 +29,7 @@ from ia_bench.runs.launchers import LAUNCHERS, Ray, SubmititSlurm
 from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import Row, Table
 
-TESTS = Path(__file__).resolve().parents[1]
+pytestmark = pytest.mark.usefixtures("workplace")
 ROWS = {"killed": "prior=none", "crash": "prior=oracle", "raise": "method=ceiling", "good": "method=constant"}
 
 
@@ -43,24 +44,12 @@ REMOTE = [
 EVERY = ["local", *REMOTE]
 
 
-@pytest.fixture(autouse=True)
-def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for scene in ("hat", "ship"):
-        (tmp_path / "datasets" / "scenes" / scene).mkdir(parents=True)
-    monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path / "datasets"))
-    monkeypatch.setenv("FAKE_LOG", str(tmp_path / "log"))
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(TESTS / "cli" / "fake_run"), str(TESTS.parent)]))
-    monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
-    monkeypatch.delenv("IA_BENCH_DEBUG", raising=False)
-    monkeypatch.chdir(tmp_path)
-
-
 def run(*arguments: str, rows: tuple[str, ...] = tuple(ROWS), jobs: int = 2) -> tuple[list[Cell], int]:
     """Run one cell of each of the rows; the cells, and how many failed."""
     request = parse(["device=cpu", *arguments])
     cells = make_cells(Table(scenes=["hat"], rows=[Row(row, [ROWS[row]]) for row in rows]), request, 1, Path("results/t"))
     with Progress() as progress:
-        return cells, run_cells(cells, request.launcher, jobs, Path("results/t/logs"), progress)
+        return cells, run_cells(cells, request.launcher, jobs, progress)
 
 
 def metrics(cell: Cell) -> dict:
@@ -79,8 +68,7 @@ def test_a_worker_that_dies_costs_its_cell_one_attempt(launcher: str, capfd: pyt
     assert "RuntimeError: boom" in next(Path("results/t/logs").glob("hat-raise-*.log")).read_text()
     assert crash["error"].startswith("worker died: ")
     assert crash["error"].endswith("; 2 attempts")
-    starts = sorted(Path(os.environ["FAKE_LOG"]).read_text().splitlines())
-    assert starts == ["hat crash 0"] * 2 + ["hat good 0"] + ["hat killed 0"] * 2 + ["hat raise 0"]
+    assert sorted(started()) == ["hat crash 0"] * 2 + ["hat good 0"] + ["hat killed 0"] * 2 + ["hat raise 0"]
     out, said = capfd.readouterr()
     assert out == ""
     for line in (
@@ -131,7 +119,7 @@ def test_ray_that_is_not_there_is_told(capfd: pytest.CaptureFixture[str]) -> Non
 
 @needs("submitit")
 def test_slurm_gets_one_array_and_every_setting(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setenv("PATH", f"{Path(__file__).parent / 'fake_slurm'}:{os.environ['PATH']}")
+    monkeypatch.setenv("PATH", f"{HERE / 'fake_slurm'}:{os.environ['PATH']}")
     monkeypatch.setattr(SubmititSlurm, "poll_seconds", 0.1)
     monkeypatch.setattr(SubmititSlurm, "delay_seconds", 0.0)
     own = {"cpus": 2, "memory_gb": 3, "minutes": 90, "partition": "cpu", "account": "me", "options.qos": "low"}
@@ -187,7 +175,7 @@ def test_a_worker_resolves_a_configuration_to_itself(row: list[str]) -> None:
 
 
 def test_every_launcher_has_its_settings_described() -> None:
-    page = (TESTS.parent / "docs" / "clusters.md").read_text(encoding="utf-8")
+    page = (HERE.parents[1] / "docs" / "clusters.md").read_text(encoding="utf-8")
     for name, kind in LAUNCHERS.items():
         assert f"`{name}`" in page
         assert all(f"`{field.name}`" in page for field in fields(kind)), name
