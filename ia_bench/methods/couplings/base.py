@@ -30,7 +30,9 @@ def coupling_of(
     Raises InputError for one that is not there or cannot be made, PluginError where a prior recommends none that is there.
     """
     if not info.provides:
-        return NoCoupling()  # of nothing
+        if name not in (AUTO, "none"):
+            note(f"coupling: {name} has nothing to use, since the prior says nothing")
+        return NoCoupling()
     why = "as it was set"
     if name == AUTO:
         name, why = (info.coupling, "which the prior recommends") if info.coupling else (DEFAULT, "the default")
