@@ -22,7 +22,7 @@ SLOTS = 6  # materials of an object at most
 WARM = (0.8, 0.0, -0.8)
 WARMTHS, WARMTH_SHARES = (0.05, 0.2, 0.6), (0.4, 0.3, 0.3)
 """Casts of lights: spreads along the axis from cool to warm, on which nine tenths of those of photographed lights lie, and how
-frequent each is; the widest is for lamps and sunsets, which photographs of lights hold too seldom."""
+frequent each is; the widest is for lamps and sunsets, which are warm alone and which photographs of lights hold too seldom."""
 LOBE, SHARP = 8, 64.0  # directions of a smooth lobe, and the power of their cosine by which each counts for what is free of it
 
 
@@ -128,7 +128,9 @@ def draw_lights(dice: Dice, images: int, bank: Tensor, real: int, share: float) 
         which = torch.where(dice.chance(share, count), dice.integers(0, real, count), which)
     part = dice.uniform(0.3, 0.7, images) * dice.chance(0.3, images)
     spreads, shares, axis = (bank.new_tensor(each, dtype=torch.float32) for each in (WARMTHS, WARMTH_SHARES, WARM))
-    warmth = (dice.normal(1, count) * spreads[dice.weighted(shares, count)])[:, None] * axis
+    spread = spreads[dice.weighted(shares, count)]
+    cast = dice.normal(1, count) * spread
+    warmth = torch.where(spread == spreads[-1], cast.abs(), cast)[:, None] * axis
     tint = (warmth + dice.normal(0.03, count, 3)).exp() * torch.stack([1 - part, part], -1).reshape(-1, 1)
     turn, picked, second, mixed = dice.integers(0, WIDTH, count).tolist(), which.tolist(), part.tolist(), []
     for image in range(images):
