@@ -32,7 +32,7 @@ train)
     cd "$place"
     python3 -m ia_bench_training.train data=world validation=held_out out=run network.kind="$network" \
         init="ia_bench/priors/weights/$network" batch=512 steps=4000 warmup=100 rate=5e-4 muon_rate=0.02 compile=false \
-        $([ "$network" = regressor ] && echo aligned=0.01) level=0.05 augmentation.cast=0.05 augmentation.permute=0.03 \
+        $([ "$network" = regressor ] && echo log_error=0.01) level=0.05 augmentation.cast=0.05 augmentation.permute=0.03 \
         validate_steps=250 validation_images=92 minutes=10 "$@"
     tar cf "$to.tar" -C run weights
     cp run/validation.jsonl "$to.jsonl"

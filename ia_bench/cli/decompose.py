@@ -25,9 +25,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("images", nargs="+", type=Path, metavar="IMAGE", help="PNG, JPEG, TIFF, ... (sRGB) or OpenEXR (linear)")
     parser.add_argument("--mask", type=Path, help="picture that is white on the object; else the image's alpha, else all of it")
     parser.add_argument("--out", type=Path, default=Path("decomposed"), help="folder for the results (default: decomposed)")
-    parser.add_argument("--prior", default="diffusion", help="a prior's name or module:Class (default: diffusion)")
+    parser.add_argument("--prior", default="regressor", help="a prior's name or module:Class (default: regressor)")
     parser.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="an option of the prior, e.g. steps=20")
-    parser.add_argument("--samples", type=at_least(1), default=8, help="samples whose mean and spread are written (default: 8)")
+    parser.add_argument(
+        "--samples", type=at_least(1), default=8, help="samples whose mean and spread are written, if it draws any (default: 8)"
+    )
     parser.add_argument("--size", type=at_least(8), default=512, help="reduce larger images to this many pixels (default: 512)")
     parser.add_argument("--seed", type=at_least(0), default=0, help="seed of the samples (default: 0)")
     wanted = parser.parse_args(arguments)

@@ -9,6 +9,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -90,8 +91,12 @@ def check_arguments(factory: Callable[..., Any], options: Mapping[str, Any], key
     Parameters without an annotation that can be told take everything.
     """
     fields, adapter = _fields_of(factory, given)
-    if adapter is not None:
-        _checked(adapter, fields, options, key)
+    if adapter is None:
+        return
+    missing = [name for name, (_, default) in fields.items() if default is ... and name not in options]
+    if missing:
+        raise InputError(f"{key}: expected {', '.join(f'{key}.{name}=...' for name in missing)}, found none")
+    _checked(adapter, fields, options, key)
 
 
 @functools.cache
@@ -100,11 +105,11 @@ def _fields_of(factory: Callable[..., Any], given: int) -> tuple[dict[str, Any],
     parameters = list(inspect.signature(factory).parameters.values())[given:]
     if any(p.kind is p.VAR_KEYWORD for p in parameters):
         return {}, None
-    try:
-        annotated = factory.__init__ if isinstance(factory, type) and not dataclasses.is_dataclass(factory) else factory  # type: ignore[misc]
-        hints = get_type_hints(annotated, include_extras=True)
-    except Exception:  # foreign annotations may name what only a type checker imports
-        hints = {}
+    hints: dict[str, Any] = {}
+    # Texts among a dataclass's annotations are of the file of each base, those of an __init__ of its own of its file.
+    for annotated in (factory, factory.__init__) if isinstance(factory, type) else (factory,):  # type: ignore[misc]
+        with suppress(Exception):  # foreign annotations may name what only a type checker imports
+            hints |= get_type_hints(annotated, include_extras=True)
     fields: dict[str, Any] = {}
     for p in parameters:
         if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY):

@@ -1,6 +1,7 @@
 """What every reader of other people's data does alike: its options, its mesh, and which views it keeps."""
 
-# Annotations are no texts in this file: options of a subclass are checked by their types, which its own file need not import.
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -58,7 +58,7 @@ def decompose(
     image: str | Path,
     mask: str | Path | None = None,
     *,
-    prior: str = "diffusion",
+    prior: str = "regressor",
     options: Mapping[str, Any] | None = None,
     samples: int = 8,
     size: int = 512,
@@ -67,8 +67,9 @@ def decompose(
     """Split a picture into albedo and specular shading.
 
     ``image``, ``mask``: files, see :func:`ia_bench.scenes.photograph.read_photograph`. ``prior``: a name or "module:Class", with
-    ``options``. ``samples``: at least 1. ``size``: a picture whose longer side has more pixels is reduced to that many, at
-    least 8. ``seed``: at least 0. Raises InputError.
+    ``options``; the regressor is nearest to the truth, samples of "diffusion" have a spread. ``samples``: at least 1.
+    ``size``: a picture whose longer side has more pixels is reduced to that many, at least 8. ``seed``: at least 0.
+    Raises InputError.
     """
     for name, value, least in (("samples", samples, 1), ("size", size, 8), ("seed", seed, 0)):
         if value < least:
@@ -79,7 +80,7 @@ def decompose(
 
 
 def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[Path]:
-    """Write every component and its spread as PNG (sRGB, straight alpha) and EXR (linear, premultiplied), and a sheet of all.
+    """Write every component, and any spread, as PNG (sRGB, straight alpha) and EXR (linear, premultiplied), and a sheet of all.
 
     Only the PNG of a spread is brightened, by SPREAD_GAIN.
     """

@@ -147,6 +147,8 @@ class Rescorer:
         scale = drawn_scale(scores["albedo_scales"], protocol.alignment)
         title = f"{record.scene}, {record.row}, seed {record.seed}"
         with RunFolder(place, content, key, setup=given) as kept:
+            if kept.finished() is not None:  # by another process, while this one scored
+                return place
             write_bundle(kept, self._scene, self._scorer.drawn, scale, title, progress)
             for name in ASSETS:
                 if (folder / name).is_file():

@@ -161,7 +161,7 @@ class Protocol:
             rules["noise"] = f"{halves}; half their difference, squared, is subtracted in PSNR and SSIM"
         if self.comparison.area == "image":
             grey = "the background's grey around the object"
-            rules = {
+            rules |= {
                 "mask_rule": "all pixels; both images divided by their own coverage, then cut out as comparison.silhouette says",
                 "background": "comparison.background in both images, after encoding",
                 "clipping": "before encoding",

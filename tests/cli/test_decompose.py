@@ -31,7 +31,7 @@ def picture():
 
 
 def arguments(weights, out):
-    return ["--out", str(out), "--option", f"weights={weights}", "--option", "steps=2", "--samples", "2"]
+    return ["--out", str(out), "--prior", "diffusion", "--option", f"weights={weights}", "--option", "steps=2", "--samples", "2"]
 
 
 def test_the_command_writes_every_part_of_a_photograph(tmp_path, weights, picture):
@@ -43,7 +43,7 @@ def test_the_command_writes_every_part_of_a_photograph(tmp_path, weights, pictur
     assert "2 samples, 4 network evaluations" in ended.stdout
     parts = [f"disc_{part}{kind}.{file}" for part in ("albedo", "specular") for kind in ("", "_spread") for file in ("exr", "png")]
     assert sorted(path.name for path in out.iterdir()) == sorted([*parts, "disc_sheet.png"])
-    again = decompose(tmp_path / "disc.png", options={"weights": weights, "steps": 2}, samples=2)
+    again = decompose(tmp_path / "disc.png", prior="diffusion", options={"weights": weights, "steps": 2}, samples=2)
     np.testing.assert_allclose(read_exr(out / "disc_albedo_spread.exr", 4)[..., :3], again.spread["albedo"], atol=1e-6)
     linear = read_exr(out / "disc_albedo.exr", 4)
     np.testing.assert_allclose(linear[..., 3], picture[..., 3] / 255, atol=1e-6)
@@ -66,7 +66,7 @@ def test_large_pictures_are_reduced_in_linear_light(tmp_path, weights):
     stripes = np.zeros((64, 128, 3), np.uint8)
     stripes[:, ::2] = 255
     Image.fromarray(stripes).save(tmp_path / "stripes.png")
-    parts = decompose(tmp_path / "stripes.png", options={"weights": weights, "steps": 1}, samples=1, size=32)
+    parts = decompose(tmp_path / "stripes.png", prior="diffusion", options={"weights": weights, "steps": 1}, samples=1, size=32)
     assert parts.image.shape == (16, 32, 3)
     np.testing.assert_allclose(parts.image, 0.5, atol=1e-6)
 

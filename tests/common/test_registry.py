@@ -1,5 +1,6 @@
 """Plugins of other distributions: found by metadata, imported on use, and unable to harm those that do not use them."""
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from ia_bench.common.errors import InputError
 
 GOOD = """
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 class Given:
@@ -38,6 +40,14 @@ class Typed(Sampler):
         given: Given = (),
     ) -> None:
         pass
+
+@dataclass(kw_only=True)
+class Declared(Sampler):
+    strength: float = 1.0
+
+class Inheriting(Declared):
+    def __init__(self, *, share: float, steps: int) -> None:
+        super().__init__()
 
 class Unresolved(Sampler):
     def __init__(self, steps: "Missing" = 3) -> None:
@@ -221,3 +231,19 @@ def test_a_class_of_a_script_is_told_by_the_script_and_one_of_a_notebook_is_refu
     monkeypatch.delattr(sys.modules["__main__"], "__file__")
     with pytest.raises(InputError, match=r"^prior __main__:Good: expected a class in a file, .*, found none$"):
         registry.foreign_code("prior", "__main__:Good")
+
+
+@pytest.mark.parametrize(
+    ("target", "options", "message"),
+    [
+        ("Declared", {"strength": "x"}, "prior.options.strength: expected a number, found 'x'"),
+        ("Inheriting", {"share": "x", "steps": 3}, "prior.options.share: expected a number, found 'x'"),
+        ("Inheriting", {}, "prior.options: expected prior.options.share=..., prior.options.steps=..., found none"),
+        ("Inheriting", {"share": 1.0, "steps": 3, "strength": 1.0}, "unknown setting 'prior.options.strength'"),
+    ],
+)
+def test_options_of_dataclasses_and_of_what_inherits_from_them_are_checked(
+    target: str, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
+        registry.create("prior", f"third_good:{target}", f"third_good:{target}", options)

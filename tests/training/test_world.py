@@ -1,5 +1,6 @@
 """Worlds: what their images have to be, and that nothing on which results are measured gets into one."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,8 +10,10 @@ import pytest
 import torch
 from training.test_loop import folders, same_process, train  # noqa: F401 (fixtures)
 
+from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
+from ia_bench_training.settings import TrainSettings
 from ia_bench_training.world import banks
 from ia_bench_training.world.images import Mixture, WorldImages
 from ia_bench_training.world.layout import DIRECTIONS, LOBES, directions, filtered
@@ -18,6 +21,7 @@ from ia_bench_training.world.make import WorldRequest, _meshes, make_world
 from ia_bench_training.world.shade import Shader
 from ia_bench_training.world.travel import TravelRequest, reduce
 
+ROOT = Path(__file__).parents[2]
 SIZE = 16
 
 
@@ -134,3 +138,13 @@ def test_training_needs_no_renderer():
     absent = ["warp", "embreex", "hydra", "omegaconf", "trimesh", "xatlas", "OpenEXR", "scipy", "skimage"]
     code = f"import sys; sys.modules.update(dict.fromkeys({absent})); import ia_bench_training.train, ia_bench_training.loop"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(("file", "first"), [("Makefile", "prior: setup"), ("training/on_gpu.sh", "ia_bench_training.train data=")])
+def test_the_recipes_name_settings_that_there_are(file: str, first: str) -> None:
+    """What `make prior` and a machine with a GPU give to training, where a setting of another name would end it at once."""
+    recipe = (ROOT / file).read_text(encoding="utf-8").partition(first)[2].partition("\n\n")[0]
+    given = re.findall(r"\b([a-z_.]+=(?:[\d.e-]+|false|true))\b", recipe)
+    assert len(given) > 8
+    settings = read_arguments(TrainSettings, ["data=a", "validation=b", "out=c", "network.kind=regressor", *given])
+    assert settings.log_error == 0.01
