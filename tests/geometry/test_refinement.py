@@ -6,13 +6,14 @@ import bowls
 import numpy as np
 import pytest
 import torch
+from torch.nn.functional import avg_pool2d
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.grid import DistanceGrid, extracted, normals_at
 from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.marching import Rays
 from ia_bench.geometry.refinement import surface_from_images, turned_away
-from ia_bench.geometry.sweep import DepthMap, correlation, depth_maps, fused, neighbours, redistanced, semi_global
+from ia_bench.geometry.sweep import WINDOW, DepthMap, correlation, depth_maps, fused, neighbours, redistanced, semi_global, windowed
 from ia_bench.scenes.scene import View
 
 CELLS = 40
@@ -48,6 +49,13 @@ def test_correlation_sees_neither_exposure_nor_offset() -> None:
     apart, also = patch - patch.mean(1, keepdims=True), theirs - theirs.mean(1, keepdims=True)
     by_hand = (apart * also).sum() / np.sqrt((apart**2).sum() * (also**2).sum())
     assert float(found[2, 5, 6]) == pytest.approx(by_hand, abs=1e-3)
+
+
+@pytest.mark.parametrize("size", [(12, 13), (3, 7), (1, 1)])
+def test_means_over_windows_are_those_of_average_pooling(size: tuple[int, int]) -> None:
+    values = torch.rand(2, 3, *size, generator=torch.Generator().manual_seed(0))
+    pooled = avg_pool2d(values, WINDOW, 1, WINDOW // 2, count_include_pad=False)
+    torch.testing.assert_close(windowed(values), pooled)
 
 
 def test_semi_global_costs_of_a_line_are_those_of_the_cheapest_paths() -> None:
