@@ -92,8 +92,9 @@ def record(scene: Scene, settings: CaptureSettings) -> dict[str, Any]:
         further["white_balance"] = "per_image"
     if scene.turning is not None:
         poses = np.stack([view.camera.to_world for view in scene.train])
-        angles = {} if scene.turning.axis is None else {"degrees": np.degrees(scene.turning.angles(poses)).round(3).tolist()}
-        further["turning"] = {**scene.turning.record(), **angles}
+        turning = scene.turning
+        angles = {} if not turning.rounds else {"degrees": np.degrees(turning.angles(poses)).round(3).tolist()}
+        further["turning"] = {**turning.record(), **angles}
     return {
         "views": len(scene.train),
         "radiometry": settings.radiometry,

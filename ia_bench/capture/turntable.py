@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,12 +11,16 @@ from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.hull import where_they_meet
 from ia_bench.scenes.scene import View
-from ia_bench.scenes.turning import TurningLight, Vector
+from ia_bench.scenes.turning import Round, TurningLight, Vector
 
 GAP = 0.03  # of the mean radius, between the heights of two circles
 LEAST = 3  # cameras on a circle
 OFF = 0.02  # of the mean radius, by which cameras may miss their circles, root mean square
 ENOUGH = 5  # cameras: a circle goes through any three
+MEMBER = 0.1  # of its radius, within which a camera belongs to a round: its roll counts, too
+ROLL = 0.12  # sine of the angle by which a camera may be rolled about the axis of its round
+APART = 0.1  # sine of the angle between the right of two cameras from which they tell an axis
+REFITS = 3  # times that what belongs together is told again from what was fitted
 ON_AXIS = 0.02  # sine of the angle at which a camera stands off a given axis, below which it is on it
 
 
@@ -41,17 +45,26 @@ def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callab
                 f"capture.turntable_axis: expected cameras beside the axis, found {views[int(across.argmin())].name} on it, from "
                 "which nobody sees how far the object has turned; capture.light=camera needs no axis"
             )
-        return TurningLight(start, _vector(axis), _vector(middle))
-    circles = fitted_circles(poses)
-    told = f"{100 * circles.residual:.1f} % of their mean radius off (root mean square)"
-    if circles.residual > OFF or len(views) < ENOUGH:
+        return TurningLight(start, (Round(_vector(axis), _vector(middle)),))
+    rounds = fitted_rounds(poses)
+    residual = float(np.sqrt(np.average([one.residual**2 for one in rounds], weights=[len(one.views) for one in rounds])))
+    told = f"{100 * residual:.1f} % of their mean radius off (root mean square)"
+    if residual > OFF or len(views) < ENOUGH:
         raise InputError(
             f"capture.light=turntable: expected {ENOUGH} cameras or more on circles around one axis, found {len(views)}, {told}; "
             "capture.turntable_axis=[x,y,z] gives an axis, and capture.light=camera needs none"
         )
-    axis = circles.axis
-    note(f"capture.light=turntable: {circles.count} circle(s) around [{axis[0]:.3f}, {axis[1]:.3f}, {axis[2]:.3f}], cameras {told}")
-    return TurningLight(start, _vector(axis), _vector(circles.point), circles.residual)
+    around = " and ".join(
+        f"{len(one.circles)} circle(s) around [{', '.join(f'{part:.3f}' for part in one.axis)}]" for one in rounds
+    )
+    note(f"capture.light=turntable: {around}, cameras {told}")
+    if len(rounds) > 1:
+        counts = " and ".join(str(len(one.views)) for one in rounds)
+        note(
+            f"capture.light=turntable: the object was laid down anew between {counts} photographs; camera and lamps are taken "
+            "to have stayed"
+        )
+    return TurningLight(start, tuple(Round(_vector(one.axis), _vector(one.point), one.circles) for one in rounds), residual)
 
 
 def _vector(values: np.ndarray) -> Vector:
@@ -61,12 +74,55 @@ def _vector(values: np.ndarray) -> Vector:
 
 @dataclass(frozen=True)
 class Circles:
-    """Circles around one axis: its unit direction (3,), a point on it (3,), how many, and how far off cameras are."""
+    """Circles around one axis that cameras are on.
+
+    Attributes:
+        axis: (3,), unit, upward in the photographs.
+        point: (3,), on the axis.
+        circles: Height above the point and radius of each.
+        residual: How far the cameras are off, root mean square over their mean radius.
+        views: (V,), the numbers of the cameras.
+    """
 
     axis: np.ndarray
     point: np.ndarray
-    count: int
+    circles: tuple[tuple[float, float], ...]
     residual: float
+    views: np.ndarray
+
+
+def fitted_rounds(poses: np.ndarray) -> list[Circles]:
+    """Circles around one axis, or around few where the object was laid down anew; cameras (V, 4, 4) are all on some of them.
+
+    Where one axis does not do, the axis is taken that most cameras stand upright around, those off its circles are dropped, and
+    what is left goes on to the next axis. One axis for all comes back, however far off they are, where others do no better.
+    """
+    whole = fitted_circles(poses)
+    if whole.residual <= OFF:
+        return [whole]
+    rest, found = np.arange(len(poses)), []
+    while len(rest) >= ENOUGH:
+        members = rest[_upright(poses[rest])]
+        for _ in range(REFITS):
+            if len(members) < ENOUGH:
+                return [whole]
+            circles = fitted_circles(poses[members])
+            fit = Round(_vector(circles.axis), _vector(circles.point), circles.circles)
+            circles, members = replace(circles, views=members), rest[fit.distance(poses[rest]) < MEMBER**2]
+        found.append(circles)
+        rest = np.setdiff1d(rest, circles.views)
+    return [whole] if len(rest) else found
+
+
+def _upright(poses: np.ndarray) -> np.ndarray:
+    """Which cameras, (V,) bool, stand upright around one axis: that of any two which is at a right angle to the right of most."""
+    right, up = poses[:, :3, 0], poses[:, :3, 1]
+    axes = np.cross(right[:, None], right[None]).reshape(-1, 3)
+    length = np.linalg.norm(axes, axis=1)
+    axes = axes[length > APART] / length[length > APART, None]
+    upright = (np.abs(axes @ right.T) < ROLL) & (axes @ up.T > 0)
+    best: np.ndarray = upright[upright.sum(1).argmax()] if len(axes) else np.ones(len(poses), bool)
+    return best
 
 
 def fitted_circles(poses: np.ndarray) -> Circles:
@@ -81,7 +137,7 @@ def fitted_circles(poses: np.ndarray) -> Circles:
     found = []
     for spread in (poses[:, :3, 0], centres - centres.mean(0)):
         axis, label = np.linalg.svd(spread)[2][2], np.zeros(len(centres), int)
-        for _ in range(3):  # which camera is on which circle depends on the axis
+        for _ in range(REFITS):  # which camera is on which circle depends on the axis
             label = _labels(centres @ axis, centres)
             basis = np.linalg.svd(axis[None])[2]  # the axis, up to its sign, and two directions across
 
@@ -90,10 +146,10 @@ def fitted_circles(poses: np.ndarray) -> Circles:
 
             axis = basis[0] + least_squares(off, np.zeros(2), loss="soft_l1", f_scale=OFF).x @ basis[1:]
             axis /= np.linalg.norm(axis)
-        point, offs = _circles(axis, centres, label)
-        up = np.sign(axis @ poses[:, :3, 1].sum(0)) or 1.0
+        axis *= np.sign(axis @ poses[:, :3, 1].sum(0)) or 1.0
+        point, offs, sizes = _circles(axis, centres, label)
         residual = float(np.sqrt(np.square(offs).sum() / len(offs)))
-        found.append(Circles(up * axis, point, len(set(label)), residual))
+        found.append(Circles(axis, point, sizes, residual, np.arange(len(poses))))
     return min(found, key=lambda circles: circles.residual)
 
 
@@ -111,8 +167,10 @@ def _labels(height: np.ndarray, centres: np.ndarray) -> np.ndarray:
     return np.where(np.isin(label, large), label, np.array(large)[nearest])
 
 
-def _circles(axis: np.ndarray, centres: np.ndarray, label: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A point on the axis, and by how much each centre is off in height and radius, (V, 2) over the mean radius.
+def _circles(
+    axis: np.ndarray, centres: np.ndarray, label: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, tuple[tuple[float, float], ...]]:
+    """A point on the axis; by how much centres are off in height and radius, (V, 2) over the mean radius; sizes of the circles.
 
     With p a centre's place across the axis and c the axis', |p|^2 = 2 p . c + (what is the same all along a circle), which is
     linear in c (Kasa's fit, with one radius a circle).
@@ -124,10 +182,7 @@ def _circles(axis: np.ndarray, centres: np.ndarray, label: np.ndarray) -> tuple[
     system = np.concatenate([2 * place, member], 1)
     middle = np.linalg.lstsq(system, np.square(place).sum(1), rcond=None)[0][:2]
     radius = np.linalg.norm(place - middle, axis=1)
-    sizes = member.sum(0)
-
-    def off(values: np.ndarray) -> np.ndarray:
-        distance: np.ndarray = values - (member @ (member.T @ values / sizes))
-        return distance
-
-    return middle @ across, np.stack([off(height), off(radius)], 1) / radius.mean()
+    of_circles = np.stack([height, radius], 1)
+    means = member.T @ of_circles / member.sum(0)[:, None]
+    sizes = tuple((float(high), float(wide)) for high, wide in means)
+    return middle @ across, (of_circles - member @ means) / radius.mean(), sizes

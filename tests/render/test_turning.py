@@ -14,13 +14,13 @@ from shapes import camera_at, sphere, together
 from stage import Stage
 
 from ia_bench.capture.settings import CaptureSettings
-from ia_bench.capture.turntable import fitted_circles, turning_light
+from ia_bench.capture.turntable import fitted_circles, fitted_rounds, turning_light
 from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.turns import spread_turns
 from ia_bench.scenes.scene import Camera, Mesh, View
-from ia_bench.scenes.turning import TurningLight, rotation_about
+from ia_bench.scenes.turning import Round, TurningLight, rotation_about
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
@@ -41,7 +41,7 @@ def turned_camera(camera: Camera, rotation: np.ndarray) -> Camera:
 
 
 def turning_with(camera: Camera, axis: np.ndarray | None = AXIS) -> TurningLight:
-    return TurningLight(tuple(map(tuple, camera.to_world[:3])), None if axis is None else tuple(axis))
+    return TurningLight(tuple(map(tuple, camera.to_world[:3])), () if axis is None else (Round(tuple(axis)),))
 
 
 @pytest.fixture(scope="module")
@@ -184,7 +184,7 @@ def test_the_axis_is_found_from_cameras_on_circles(circles):
         view for place, (height, radius) in enumerate(circles) for view in ring(AXIS, 20 + place, height, radius, middle, 0.005)
     ]
     found = fitted_circles(np.stack([view.camera.to_world for view in views]))
-    assert found.count == len(circles)
+    assert len(found.circles) == len(circles)
     assert found.axis @ AXIS > math.cos(math.radians(0.2))
     assert np.linalg.norm(np.cross(found.point - middle, AXIS)) < 0.01
     assert 0.001 < found.residual < 0.01
@@ -196,6 +196,40 @@ def test_the_axis_is_found_from_cameras_on_circles(circles):
     assert TurningLight.of_record(turning.record()) == turning
 
 
+def test_an_object_that_was_laid_down_anew_turns_about_another_axis_from_then_on():
+    """The object's pose Q in the room, by hand: the light of the room is at Q_0^T Q_v d of the map for direction d of view v."""
+    room = camera_at((0.0, -3.0, 1.0), pixels=8)
+    laid = rotation_about(np.array([0.6, 0.8, 0.0]), 1.9)
+    turns = np.linspace(0, 2 * math.pi, 20, endpoint=False)
+    poses = [rotation_about(np.array([0, 0, 1.0]), angle) @ pose for pose in (np.eye(3), laid) for angle in turns]
+    cameras = [turned_camera(room, pose.T) for pose in poses]
+    nothing = np.zeros((8, 8), np.float32)
+    views = [View(f"{number}", camera, np.zeros((8, 8, 3), np.float32), nothing) for number, camera in enumerate(cameras)]
+    to_world = np.stack([camera.to_world for camera in cameras])
+    rounds = fitted_rounds(to_world)
+    assert [set(one.views) for one in rounds] in ([set(range(20)), set(range(20, 40))], [set(range(20, 40)), set(range(20))])
+    said: list[str] = []
+    turning = turning_light(views, CaptureSettings(light="turntable"), said.append)
+    assert "laid down anew" in said[1]
+    np.testing.assert_allclose(turning.rotations(to_world), poses[0].T @ np.stack(poses), atol=1e-6)
+    between = turned_camera(room, (rotation_about(np.array([0, 0, 1.0]), 0.4) @ laid).T)  # a photograph that was held out
+    here = rotation_about(np.array([0, 0, 1.0]), 0.4) @ laid
+    np.testing.assert_allclose(turning.rotations(between.to_world[None])[0], poses[0].T @ here, atol=1e-6)
+    assert TurningLight.of_record(turning.record()) == turning
+
+
+def test_records_of_one_axis_are_still_read():
+    former = {
+        "start": np.eye(4)[:3].tolist(),
+        "axis": [0.0, 0.0, 1.0],
+        "point": [0.0, 0.0, 0.5],
+        "residual": 0.01,
+        "degrees": [0.0],
+    }
+    assert TurningLight.of_record(former).rounds == (Round((0.0, 0.0, 1.0), (0.0, 0.0, 0.5)),)
+    assert TurningLight.of_record({**former, "axis": None}).rounds == ()
+
+
 def test_other_cameras_are_refused_and_an_axis_may_be_given():
     rng = np.random.default_rng(0)
     views = [ring(AXIS, 20, *rng.uniform([-2, 1], [2, 3]), np.zeros(3), 0.0)[int(rng.integers(20))] for _ in range(30)]
@@ -204,6 +238,6 @@ def test_other_cameras_are_refused_and_an_axis_may_be_given():
     ):
         turning_light(views, CaptureSettings(light="turntable"), lambda line: None)
     given = turning_light(views, CaptureSettings(light="turntable", turntable_axis=(0.0, 0.0, 2.0)), lambda line: None)
-    assert given.axis == (0.0, 0.0, 1.0)
+    assert given.rounds[0].axis == (0.0, 0.0, 1.0)
     with pytest.raises(InputError, match="expected a direction"):
         turning_light(views, CaptureSettings(light="turntable", turntable_axis=(0.0, 0.0, 0.0)), lambda line: None)
