@@ -55,14 +55,14 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     coloured = scene.white_balances_differ or settings.white_balance == "per_image"
     differ = scene.exposures_differ or settings.exposure == "per_image" or coloured
     shaped = replace(scene, train=train, exposures_differ=differ, white_balances_differ=coloured)
-    if settings.geometry != "given" or scene.mesh is None:
-        from ia_bench.capture.shapes import with_geometry
-
-        shaped = with_geometry(shaped, settings, note, normals, begin)
     if settings.light != "static":
         from ia_bench.capture.turntable import turning_light
 
         shaped = replace(shaped, turning=turning_light(shaped.train, settings, note))
+    if settings.geometry != "given" or scene.mesh is None:
+        from ia_bench.capture.shapes import with_geometry
+
+        shaped = with_geometry(shaped, settings, note, normals, begin)
     if not settings.margin:
         return shaped
     from ia_bench.capture.faults import inside

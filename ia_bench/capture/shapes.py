@@ -80,7 +80,8 @@ def _made(
     cells = sdf.cells if from_images else settings.cells
     note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {cells} cells a side")
     moving = MovingPhotographs(scene.train) if from_images and sdf.align else None
-    known = {"exposures_differ": scene.exposures_differ, "normals": normals, "photographs": moving}
+    turns = _turns(scene)
+    known = {"exposures_differ": scene.exposures_differ, "normals": normals, "photographs": moving, "turns": turns}
     with process_state_kept():
         torch.set_deterministic_debug_mode("error")  # whatever a run asks for: textures fit the one mesh that they were made on
         if from_images:
@@ -95,6 +96,13 @@ def _made(
     return made
 
 
+def _turns(scene: Scene) -> np.ndarray | None:
+    """How the light of the training views has turned, (V, 3, 3); None where it stands still."""
+    if scene.turning is None:
+        return None
+    return scene.turning.rotations(np.stack([view.camera.to_world for view in scene.train]))
+
+
 def _key(scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray]) -> str:
     """Of all that decides a mesh that is made: masks, what is known of them, cameras, sizes; of an "sdf" images and normals."""
     images = settings.geometry == "sdf"
@@ -102,7 +110,8 @@ def _key(scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray])
     if images:
         made = replace(settings.sdf, normals="none")  # they count by what they are, not by where they lie
         sizes = f"sdf {VERSION} {made} {settings.tolerated} {settings.triangles} {scene.exposures_differ}"
-    parts: list[str | np.ndarray] = [sizes, *normals]
+    turns = _turns(scene) if images else None
+    parts: list[str | np.ndarray] = [sizes, *normals, *([] if turns is None else [turns.astype(np.float32)])]
     for view in scene.train:
         camera = view.camera
         parts += [f"{camera.focal} {camera.centre}", camera.to_world, view.mask]

@@ -9,7 +9,9 @@ over random pixels,
     |t(c) - t(c')| + MASK |A - mask| + EIKONAL (|grad f| - 1)^2 + SMOOTH (laplacian f)^2,      t(c) = log(1 + 3 c / mean)
 
 with c the colour that rays gather and A their opacity; the last two over the vertices near the surface, in cells. Nothing
-is known of the light, so shading is seen as paint, which tells shape as well where views overlap. Where normals n' are given
+is known of the light, so shading is seen as paint, which tells shape as well where views overlap. Where the light turns with the
+camera, shading belongs to the normal as the light sees it; since stereo may be misled there, what it found and the hull are both
+tried as the start. Where normals n' are given
 (MonoSDF: Yu et al. 2022), there is besides, of the normals n that rays gather as they do colours,
 
     NORMAL (|n - n'|_1 + |1 - n . n'|)
@@ -46,6 +48,7 @@ OFFSET = 1e-3  # and of the square of a pixel by which a photograph moves
 BAND = 3.0  # cells from the surface within which vertices are regular
 BEYOND = 0.5  # cells that the surface may leave the hull by, where masks are not quite right
 AGAIN = 20  # steps after which the vertices near the surface are looked for again
+TRIAL = 4  # of two starts, that is taken which is better after a fraction of the steps
 HIDDEN = 32  # units of the layers of the network of colours
 BEGINNING = -3.0  # what its last layer starts with: softplus of it is .05 of the mean colour
 DARK = -0.5  # first value of the features of the colour: softplus of it is half of the mean radiance
@@ -60,6 +63,7 @@ def surface_from_images(
     exposures_differ: bool = False,
     normals: Sequence[np.ndarray] = (),
     photographs: MovingPhotographs | None = None,
+    turns: np.ndarray | None = None,
     seed: int = 0,
     begin: Begin = unseen,
 ) -> DistanceGrid:
@@ -68,7 +72,8 @@ def surface_from_images(
     ``cells`` along the longest side of the object; ``steps`` of the fit, 0 for what stereo finds; ``tolerated`` as for
     :func:`visual_hull`; ``exposures_differ`` where each image has a factor that nobody knows, which is then fitted;
     ``normals`` (H, W, 3) of each view in its camera's axes, 0 where unknown, where there are any; ``photographs`` of the views
-    where these may move on their picture planes, and have moved when this returns. ``begin`` shows how far it is.
+    where these may move on their picture planes, and have moved when this returns; ``turns`` (V, 3, 3) where the light turns: they
+    take directions of the object, view by view, into those of the light. ``begin`` shows how far it is.
 
     Raises InputError for fewer views than tell a surface.
     """
@@ -80,13 +85,26 @@ def surface_from_images(
     if not any((view.image > 0).any() for view in views):
         raise InputError("capture.geometry=sdf: expected images that show something, found all of them black")
     hull = visual_hull(views, cells, tolerated)
-    start = fused(hull, depth_maps(views, hull, begin))
+    starts = [fused(hull, depth_maps(views, hull, begin))]
     if steps == 0:
-        return start
-    fit = _Fit(pixels_of(views, hull, normals), len(views) if exposures_differ else 0, photographs, seed)
+        return starts[0]
+    if turns is not None:  # what lies still under such a light is not alike from view to view: what stereo found may mislead
+        starts.append(hull)
+    pixels, exposures, least = (
+        pixels_of(views, hull, normals),
+        len(views) if exposures_differ else 0,
+        hull.values / hull.step - BEYOND,
+    )
+
+    def refined(start: DistanceGrid, steps: int, moving: MovingPhotographs | None) -> tuple[Tensor, float]:
+        fit = _Fit(pixels, exposures, moving, turns, seed)
+        return fit.refined(start.values / hull.step, least, begin("surface from images", steps))
+
     torch.set_flush_denormal(True)  # features that no ray meets decay to numbers that are slow to compute with
     try:
-        values = fit.refined(start.values / hull.step, hull.values / hull.step - BEYOND, begin("surface from images", steps))
+        if len(starts) > 1:
+            starts.sort(key=lambda start: refined(start, max(steps // TRIAL, 1), None)[1])
+        values, _ = refined(starts[0], steps, photographs)
     finally:
         torch.set_flush_denormal(False)
     return DistanceGrid(values * hull.step, hull.low, hull.step)
@@ -113,19 +131,25 @@ def _irregularity(values: Tensor, near: Tensor) -> Tensor:
 class _Fit:
     """What is fitted to ``pixels``: how the surface looks, and the exposures of so many ``images`` (0: all alike)."""
 
-    def __init__(self, pixels: Pixels, images: int, photographs: MovingPhotographs | None, seed: int) -> None:
+    def __init__(
+        self, pixels: Pixels, images: int, photographs: MovingPhotographs | None, turns: np.ndarray | None, seed: int
+    ) -> None:
         self._pixels = pixels
         self._photographs = photographs
+        self._turns = None if turns is None else torch.from_numpy(turns).float()
         self._random = torch.Generator().manual_seed(seed)
-        self._appearance = Appearance(self._random)
+        self._appearance = Appearance(self._random, shaded=turns is not None)
         self._gains = torch.zeros(images, requires_grad=images > 0)  # logarithms
         shown = (pixels.mask > 0.5) & (pixels.colour_known > 0)
         mean = float(pixels.colour[shown].mean()) if shown.any() else 1.0
         self._mean = max(mean, 1e-12)
 
-    def refined(self, start: Tensor, least: Tensor, task: ProgressBar) -> Tensor:
-        """Distances (X, Y, Z) in cells after the steps of ``task`` from ``start``, never below ``least``."""
-        steps = task.total
+    def refined(self, start: Tensor, least: Tensor, task: ProgressBar) -> tuple[Tensor, float]:
+        """Distances (X, Y, Z) in cells after the steps of ``task`` from ``start``, never below ``least``, and the loss of the last.
+
+        The loss is the mean over the last quarter of the steps; fits of one seed see the same pixels.
+        """
+        steps, losses = task.total, list[float]()
         sizes = [[-(-(count - 1) // 2**level) + 1 for count in start.shape] for level in range(LEVELS)]
         moves = [torch.zeros(size, requires_grad=True) for size in sizes]
         features = torch.zeros(*start.shape, CHANNELS)
@@ -150,7 +174,8 @@ class _Fit:
             optimiser.zero_grad(set_to_none=False)
             loss.backward()
             optimiser.step()
-            task.advance(loss=float(loss.detach()))
+            losses.append(float(loss.detach()))
+            task.advance(loss=losses[-1])
             if len(self._gains):
                 with torch.no_grad():
                     self._gains -= self._gains.mean()  # what all factors have in common, the colours have
@@ -158,7 +183,7 @@ class _Fit:
                 with torch.no_grad():
                     self._photographs.offsets[:, 3] -= self._photographs.offsets[:, 3].mean()  # and the size of the surface
         with torch.no_grad():
-            return _moved(start, moves, least)
+            return _moved(start, moves, least), float(np.mean(losses[-max(steps // 4, 1) :]))
 
     def _misfit(self, values: Tensor, features: Tensor) -> Tensor:
         """Of random pixels, the mean difference of colours and MASK times that of coverages."""
@@ -171,7 +196,11 @@ class _Fit:
         found, opacity, distance = gathered(values, features.detach(), rays, WIDTH, STRIDE, features.grad)
         safe = opacity.clamp_min(1e-2)
         place = rays.origins + (distance / safe).detach()[:, None] * rays.directions
-        colour = self._appearance(found / safe[:, None], _normals(values, place), rays.directions) * opacity[:, None]
+        normals, directions = _normals(values, place), rays.directions
+        if self._turns is not None:
+            turn = self._turns[pixels.view[picked]]
+            normals, directions = (torch.einsum("nij,nj->ni", turn, each) for each in (normals, directions))
+        colour = self._appearance(found / safe[:, None], normals, directions) * opacity[:, None]
         if len(self._gains):
             colour = colour * self._gains[pixels.view[picked]].exp()[:, None]
         given = pixels.colour, pixels.mask, pixels.colour_known, pixels.mask_known
@@ -223,11 +252,16 @@ class Appearance(nn.Module):
     """Linear colour (N, 3) of features (N, CHANNELS), unit normals and directions of rays (N, 3): that of all views, and a shine.
 
     softplus(the first three features) + softplus(network(the other features, normal, mirrored direction, cosine)). Under light that
-    does not move, the first is all that a matt surface shows, whatever its shadows.
+    does not move, the first is all that a matt surface shows, whatever its shadows. Under one that does, normals and directions are
+    those that the light knows, and the first is ``shaded``: multiplied by exp(a linear function of the normal's harmonics).
     """
 
-    def __init__(self, generator: torch.Generator) -> None:
+    def __init__(self, generator: torch.Generator, *, shaded: bool = False) -> None:
         super().__init__()
+        self.shading = nn.Linear(15, 3) if shaded else None
+        if self.shading is not None:
+            nn.init.zeros_(self.shading.weight)
+            nn.init.zeros_(self.shading.bias)
         sizes = CHANNELS - 3 + 2 * 15 + 1, HIDDEN, HIDDEN, 3
         layers = [nn.Linear(*pair) for pair in zip(sizes, sizes[1:], strict=False)]
         for layer in layers:
@@ -242,8 +276,10 @@ class Appearance(nn.Module):
         """See the class."""
         cosine = (normals * directions).sum(-1, keepdim=True)
         mirrored = directions - 2 * cosine * normals
-        known = torch.cat([features[:, 3:], harmonics(normals), harmonics(mirrored), cosine], -1)
-        return softplus(features[:, :3]) + softplus(self.network(known))
+        of_normals = harmonics(normals)
+        known = torch.cat([features[:, 3:], of_normals, harmonics(mirrored), cosine], -1)
+        matt = softplus(features[:, :3])
+        return (matt if self.shading is None else matt * self.shading(of_normals).exp()) + softplus(self.network(known))
 
 
 def harmonics(d: Tensor) -> Tensor:

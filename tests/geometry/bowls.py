@@ -31,8 +31,12 @@ def paint(points: np.ndarray, fineness: float) -> np.ndarray:
     return 0.35 + 0.25 * np.tanh(1.5 * np.stack(waves, -1) / np.sqrt(24))
 
 
-def bowl_view(number: int, camera: Camera, fineness: float) -> View:
-    """Matt, two lights, and a highlight that moves with the camera; 2 x 2 rays a pixel. It has its normals, as truth."""
+def bowl_view(number: int, camera: Camera, fineness: float, turn: np.ndarray | None = None) -> View:
+    """Matt, two lights, and a highlight that moves with the camera; 2 x 2 rays a pixel. It has its normals, as truth.
+
+    ``turn`` (3, 3) takes directions of the bowl into those of the lights.
+    """
+    turned = np.eye(3) if turn is None else turn
     origin, along = (part.astype(np.float64) for part in primary_rays(camera, 2))
     travelled = np.linalg.norm(origin, axis=-1) - 1
     for _ in range(50):
@@ -40,8 +44,8 @@ def bowl_view(number: int, camera: Camera, fineness: float) -> View:
     points = origin + travelled[..., None] * along
     hit = distance(points) < 2e-3
     normals = normal(points)
-    light = np.array([0.5, 0.3, 0.81])
-    lit = 0.5 + 1.2 * np.maximum(normals @ light, 0) + 0.5 * np.maximum(normals @ [-0.9, 0.3, -0.3], 0)
+    light, other = np.array([0.5, 0.3, 0.81]) @ turned, np.array([-0.9, 0.3, -0.3]) @ turned
+    lit = 0.5 + 1.2 * np.maximum(normals @ light, 0) + 0.5 * np.maximum(normals @ other, 0)
     halfway = light - along
     halfway /= np.linalg.norm(halfway, axis=-1, keepdims=True)
     shine = 0.3 * np.maximum((normals * halfway).sum(-1), 0) ** 20

@@ -1,5 +1,7 @@
 """The mesh reader: what it repairs and says, what it refuses; on copies of the mesh of `tiny` broken in one place."""
 
+import os
+import signal
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +14,7 @@ from trimesh.visual import TextureVisuals
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.mesh import load_mesh
+from ia_bench.render.asset_files import read_asset
 from ia_bench.scenes.scene import Mesh, Scene
 
 
@@ -86,6 +89,29 @@ def test_an_obj_counts_from_one(tmp_path: Path) -> None:
         InputError, match=r"mesh\.obj: expected vertices and faces of three numbers each, found \(3, 2\) and \(1, 3\)"
     ):
         load_mesh(path)
+
+
+def test_materials_in_a_pipe_are_not_waited_for(tmp_path: Path) -> None:
+    """A mesh alone needs none; an asset is refused."""
+    waited = list[int]()
+
+    def too_long(number: int, _: object) -> None:
+        waited.append(number)
+        raise TimeoutError
+
+    path = tmp_path / "mesh.obj"
+    path.write_text("mtllib pipe.mtl\n" + QUAD + "usemtl a\nf 1/1 2/2 3/3\n")
+    os.mkfifo(tmp_path / "pipe.mtl")
+    before = signal.signal(signal.SIGALRM, too_long)
+    signal.setitimer(signal.ITIMER_REAL, 30, 10)
+    try:
+        assert len(load_mesh(path)[0].faces) == 1
+        with pytest.raises(InputError, match=r"mesh\.obj: mtllib: pipe\.mtl: no such file"):
+            read_asset(path, note=print)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert not waited
 
 
 @pytest.mark.parametrize(
