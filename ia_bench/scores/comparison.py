@@ -17,7 +17,7 @@ one. The first comes first, since it is the same for every prediction: nothing b
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -61,7 +61,7 @@ class Pair:
         known: (H, W), True where the truth is known.
         coverage: (H, W) each, of prediction and truth. What the prediction does not cover counts as black.
         spread: Half the difference of two estimates of the prediction, linear (H, W, 3); None of what has no noise.
-        parts: Of the squared error (:mod:`ia_bench.scores.error_split`); nothing where it is not split.
+        parts: The parts of the squared error (:mod:`ia_bench.scores.error_split`); nothing where it is not split.
     """
 
     predicted: np.ndarray
@@ -179,6 +179,20 @@ def over_white(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
     own, other = (coverage[..., None].clip(0, 1) for coverage in view.coverage)
     pair, spread = (own * predicted + (1 - own), other * true + (1 - other)), _spread(view, encoding)
     return Compared(*pair, view.known, protocol, whole=True, clipped=clipped, spread=None if spread is None else own * spread)
+
+
+def exposed(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
+    """Compare a render times one factor, for a photograph of unknown exposure: s = <predicted, true> / <predicted, predicted>.
+
+    Over the linear values of the scored pixels that the render covers, all channels together; 1 for a black render.
+    """
+    _expect_finite(view, view.mask)
+    inside = view.mask & (view.coverage[0] > 0)
+    predicted, true = view.predicted[inside].astype(np.float64), view.true[inside].astype(np.float64)
+    power = (predicted**2).sum()
+    factor = (predicted * true).sum() / power if power > BLACK else 1.0
+    spread = None if view.spread is None else factor * view.spread
+    return pictures(replace(view, predicted=factor * view.predicted, spread=spread), protocol, encoding)
 
 
 def scalar(view: Pair, protocol: Protocol) -> Compared:

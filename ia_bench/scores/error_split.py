@@ -43,7 +43,7 @@ class VisibleSurface(NamedTuple):
         position: (N, 3) in scene units.
         normal: (N, 3), unit.
         seen: (N,) bool, whether any photograph shows the place, as :func:`~ia_bench.render.gbuffer.sees` says.
-        entry: Of each view, (H, W) int: which of the N a pixel is, -1 for none.
+        entry: A map (H, W) int of each view: which of the N a pixel is, -1 for none.
     """
 
     position: np.ndarray

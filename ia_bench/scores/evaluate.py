@@ -130,6 +130,8 @@ def score(
         if name not in NEVER_WHOLE:
             over_white = partial(comparison.over_white, protocol=protocol, encoding=_encoding(name, protocol))
             scores.record(f"{name}_whole_image", of, over_white, psnr)
+    of_photograph = partial(comparison.exposed, protocol=protocol, encoding=_encoding("view_synthesis", protocol))
+    scores.record("view_synthesis_exposed", views["view_synthesis"], of_photograph, psnr)
     other: Encoding = "linear" if protocol.albedo_encoding == "srgb" else "srgb"
     in_other = partial(comparison.pictures, protocol=protocol, encoding=other)
     for name in ("albedo", "aligned_albedo"):

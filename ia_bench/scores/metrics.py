@@ -59,7 +59,7 @@ class Compared:
         clipped: How many values of scored pixels were clipped, in prediction and truth.
         spread: Half the difference of two estimates of the prediction, (H, W, 3), as it is compared; None of what has no noise. The
             mean of its square is the noise's part of the squared error, without bias.
-        parts: Of the squared error, by their names (:mod:`ia_bench.scores.error_split`); nothing where it is not split.
+        parts: The parts of the squared error, by their names (:mod:`ia_bench.scores.error_split`); nothing where it is not split.
     """
 
     predicted: np.ndarray

@@ -96,7 +96,7 @@ class Protocol:
 
     Attributes:
         name: Put before everything else in the label.
-        version: Of the definitions in this package, the only ones that this code computes; raised whenever one changes a number.
+        version: The version of this package's definitions, the only ones that it computes; raised whenever one changes a number.
         noise: What is done about the noise of renders. Its variance is part of the error ("kept"); or every picture is the mean of
             two independent ones of half the samples, by whose difference the variance is subtracted ("subtracted").
         albedo_encoding: What albedo is compared in, after clipping to [0, 1].
@@ -109,7 +109,7 @@ class Protocol:
         curve_stride: The curve during a run looks at every such view ...
         curve_samples: ... with at most so many samples a pixel ...
         curve_lights: ... under the first so many novel lights of the scene, None for all.
-        seed: Of the directions; the same for every run, whatever its own seed.
+        seed: The seed of the directions; the same for every run, whatever its own seed.
     """
 
     name: str = "paper-v3"

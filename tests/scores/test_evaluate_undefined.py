@@ -78,6 +78,25 @@ def test_the_whole_image_is_psnr_over_white_by_each_ones_own_coverage(guess: Pre
     assert scores.variants["albedo_whole_image"]["psnr"] > scores.metrics["albedo"]["psnr"] + 3  # most pixels are background
 
 
+def test_one_factor_for_each_photograph_takes_its_exposure_away(guess: Predictions, truth: Predictions) -> None:
+    factors = (0.4, 0.9, 1.7)  # of a camera that exposes by itself; covered pixels alone tell them
+    seen = truth.view_synthesis
+    dark = Images(tuple(factor * image for factor, image in zip(factors, seen.images, strict=True)), seen.coverage)
+    scores = score(replace(guess, view_synthesis=dark), truth, PAPER)
+    assert scores.metrics["view_synthesis"]["psnr"] < 30
+    assert min(scores.per_image["view_synthesis_exposed"]["psnr"]) > 60
+
+    def pierced_by(images: Images) -> Images:
+        kept = [np.arange(share.shape[1]) % 2 == 1 for share in images.coverage]
+        pairs = zip(images.images, images.coverage, kept, strict=True)
+        images, shares = zip(*((image * k[:, None], share * k) for image, share, k in pairs), strict=True)
+        return Images(images, shares)
+
+    pierced, whole = (score(replace(guess, view_synthesis=pierced_by(images)), truth, PAPER) for images in (dark, seen))
+    expected = whole.per_image["view_synthesis"]["psnr"]
+    assert pierced.per_image["view_synthesis_exposed"]["psnr"] == pytest.approx(expected, abs=1e-6)
+
+
 def test_a_view_without_scored_pixels_is_left_out_and_counted(guess: Predictions, truth: Predictions) -> None:
     def with_empty(images: Images) -> Images:
         return Images((*images.images, images.images[0]), (*images.coverage, images.coverage[0] * 0.0 + 0.5))
