@@ -78,7 +78,8 @@ class SceneRenderer:
     """One scene, traced once, and the views of it that are drawn.
 
     Attributes:
-        test: The views that maps are drawn in: the held-out ones of which the most is known; without any, FITTED training views.
+        test: The views that maps are drawn in: the held-out ones of which the most is known, ``views`` where nothing is known but
+            photographs; without any, FITTED training views.
         views: The views that are rendered under the recovered light: novel ones of the training light, else ``test``.
         relit: Novel light whose map is known -> the views of it that are drawn.
         fitted: Names of the drawn views that runs have fitted; none unless the scene holds no view out.
@@ -95,13 +96,14 @@ class SceneRenderer:
         if lacking := [name for name in fitted if name not in by_name]:
             found = f"found none named {', '.join(lacking)}"
             raise InputError(f"{scene.source}: expected the training views that are pictured, {found}")
-        self.test = [by_name[name] for name in fitted] or _views_of_maps(scene)
-        if not self.test:
-            raise InputError(f"{scene.source}: expected a view that can be shown, found none")
         by_light: dict[str, list[View]] = {"train": []}
         for view in scene.novel:
             by_light.setdefault(view.light, []).append(view)
         seen = by_light.pop("train")[::VIEW_STRIDE]
+        no_truth = all(view.albedo is None and view.roughness is None for view in scene.test)
+        self.test = [by_name[name] for name in fitted] or (seen if no_truth and seen else _views_of_maps(scene))
+        if not self.test:
+            raise InputError(f"{scene.source}: expected a view that can be shown, found none")
         self.fitted = [] if scene.test or seen else [view.name for view in self.test]
         self.views = seen or self.test
         self.relit = {name: views[::RELIT_STRIDE] for name, views in by_light.items() if name in self._truth.lights}
@@ -163,7 +165,8 @@ class SceneRenderer:
 
     def _drawn(self, found: TexturedReconstruction, scale: torch.Tensor, scored: Predictions) -> Predictions:
         maps: dict[str, Images | None] = {"albedo": scored.albedo, "roughness": scored.roughness}
-        lacking = [name for name, of in maps.items() if of is None or not len(of) == len(self.scene.test) == len(self.test)]
+        same = [view.name for view in self.test] == [view.name for view in self.scene.test]
+        lacking = [name for name, of in maps.items() if of is None or not same or len(of) != len(self.test)]
         if lacking:
             maps |= found.maps([view.camera for view in self.test], lacking, points=MAP_POINTS)
         views = None

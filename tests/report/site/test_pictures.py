@@ -183,7 +183,7 @@ def test_only_what_needs_a_truth_that_is_missing_is_left_out(
     assert set(pictures.sheets) == {"albedo", "aligned", "roughness", "view", "relit", "turned", "light"} - left_out["found"]
     for rendered, photograph, mask in zip(pictures.values["view"], truth.values["view"], scene_renderer.masks["view"], strict=True):
         assert np.abs(rendered - photograph)[mask].mean() < 0.05  # Monte Carlo noise at 64 samples a pixel
-    assert len(pictures.sheets["albedo"]) == len(truth.sheets["photograph"]) == 4
+    assert len(pictures.sheets["albedo"]) == len(truth.sheets["photograph"]) == len(scene_renderer.test)
     packed = bundle(scene_renderer, truth, found, pictures)
     of_albedo = {"albedo", "aligned"} if "albedo" in truth.sheets else set()
     comparable = {"view", "relit"} | of_albedo | set(truth.sheets) & {"roughness"}
@@ -206,6 +206,13 @@ def test_training_photographs_stand_for_a_scene_that_holds_none_out(tiny: Scene,
         SceneRenderer(tiny, ["nobody"])
     with pytest.raises(InputError, match="expected a view that can be shown, found none"):
         SceneRenderer(replace(tiny, train=(), test=(), novel=()))
+
+
+def test_of_photographs_without_a_truth_all_is_shown_from_where_they_were_taken(tiny: Scene) -> None:
+    photographs = tuple(replace(view, light="train", albedo=None, roughness=None) for view in tiny.train[::3])
+    captured = replace(tiny, test=photographs[:2], novel=photographs, truth=None)
+    shown = SceneRenderer(captured)
+    assert [view.name for view in shown.test] == [view.name for view in shown.views]
 
 
 def test_the_turning_light_starts_as_it_is_and_goes_once_around(drawn: tuple[SceneRenderer, Pictures]) -> None:
