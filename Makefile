@@ -87,7 +87,7 @@ lint: setup ## ruff, mypy, import contracts
 	cd training && ../.venv/bin/lint-imports
 
 docs: setup $(DOCS_READY) ## every document as a site, results/docs/index.html; fails on a broken link (RUNS=FOLDER: its page with pictures)
-	.venv/bin/ia-bench report $(or $(RUNS),docs/results/runs.csv) --out results/published --table $(TABLE) >/dev/null
+	.venv/bin/ia-bench report $(or $(RUNS),docs/results/runs.csv) --out results/published --table $(if $(RUNS),$(TABLE),ablations) >/dev/null
 	NO_MKDOCS_2_WARNING=1 $(DOCS) docs/site/build.py
 
 # The pages are made from the sources without importing them, hence a small environment of their own.

@@ -5,8 +5,8 @@
 Every pixel of a held-out photograph that the shape fills is looked up in the training photographs that see it well, and compared in
 the object's pixels, sRGB after the 99th percentile of the photographs:
 
-- *nearest*: the photograph from the direction nearest to the pixel's; four: the mean of the nearest four. Shape and poses bound it:
-  no light and no material is asked.
+- *nearest*: the photograph from the direction nearest to the pixel's; *four*: the mean of the nearest four. Shape and poses
+  bound it: no light and no material is asked.
 - *one paint*: the mean of all that see it, the best that a surface can do that looks the same from everywhere.
 - *render*: what the run recovered, where it covers the object; *with holes*: with black where it does not, as scores have it;
   *exposed*: where it covers, after one factor for each photograph.
@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ia_bench.common.arguments import at_least
 from ia_bench.geometry.hull import looked_up
 from ia_bench.render.gbuffer import sees
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
@@ -77,7 +78,7 @@ def main() -> None:
     """Print a line for each run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN_FOLDER")
-    parser.add_argument("--every", type=int, default=1, help="so many-th of the held-out photographs")
+    parser.add_argument("--every", type=at_least(1), default=1, help="so many-th of the held-out photographs")
     options = parser.parse_args()
     print(f"| run | {' | '.join(COLUMNS)} |\n| :--- |{' ---: |' * len(COLUMNS)}")
     for folder in options.runs:
@@ -88,7 +89,7 @@ def main() -> None:
         white = max(float(np.percentile(view.image[view.mask > 0.5], 99)) for view in train)
         views = [view for view in scene.novel if view.light == "train"] or list(scene.test)
         of_views = [measured(view, train, stage, recovered, white) for view in views[:: options.every]]
-        print(f"| {scene.name}, {run.record.row} | {' | '.join(f'{mean:.1f}' for mean in np.mean(of_views, 0))} |", flush=True)
+        print(f"| {scene.name}, {run.record.row} | {' | '.join(f'{mean:.1f}' for mean in np.nanmean(of_views, 0))} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -63,6 +63,9 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         from ia_bench.capture.shapes import with_geometry
 
         shaped = with_geometry(shaped, settings, note, normals, begin)
+        if shaped.turning is not None:  # its map is as it stands for the first photograph, which may have moved
+            first = shaped.train[0].camera.to_world[:3].astype(float).tolist()
+            shaped = replace(shaped, turning=replace(shaped.turning, start=tuple(map(tuple, first))))
     if not settings.margin:
         return shaped
     from ia_bench.capture.faults import inside

@@ -22,13 +22,13 @@ class FaultSettings:
     """What goes wrong with training views, each fault by itself; none does by default. Pixels are those of the images.
 
     Attributes:
-        seed: Of all random draws below; those of a view depend on it and on the view's name.
+        seed: The seed of all random draws below; those of a view depend on it and on the view's name.
         poses: Pixels by which wrong cameras move points of the object in their images, root mean square.
         mask_growth: Pixels by which every mask is too large; below 0 too small.
         mask_jitter: Pixels by which the mask of each view is at most too large or too small besides, drawn evenly.
         wrong_masks: Number of views whose mask has lost one half of the object.
         blurred_views: Number of views that are out of focus.
-        blur: Of these: standard deviation, pixels.
+        blur: Standard deviation of their blur, pixels.
     """
 
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
@@ -45,9 +45,9 @@ class SdfSettings:
     """How ``capture.geometry=sdf`` makes a surface of images and masks; nothing else reads them.
 
     Attributes:
-        cells: Of the grid of distances, along the longest side of the object; about as many as the object has pixels.
-        steps: Of the refinement on the images; 0 takes what stereo finds inside of the hull.
-        seed: Of the pixels of each step.
+        cells: Cells of the grid of distances, along the longest side of the object; about as many as the object has pixels.
+        steps: Steps of the refinement on the images; 0 takes what stereo finds inside of the hull.
+        seed: The seed of the pixels of each step.
         align: Whether photographs may move on their picture planes while the surface is refined, and their cameras with them: so
             poses that are a little off are put right.
         normals: A folder with the normals that each training view shows, in its camera's axes, which the refinement follows too.
@@ -65,7 +65,7 @@ class CaptureSettings:
     """How a scene is photographed before anything is planned or fitted.
 
     Attributes:
-        name: Of the choice ``capture=NAME`` that these settings began with; decides nothing.
+        name: The name of the choice ``capture=NAME`` that these settings began with; decides nothing.
         views: How many of the training views are taken, spread over the directions of the cameras; "all" of them.
         radiometry: "hdr" leaves images as they are; "ldr" exposes, clips and quantises them to 8-bit sRGB.
         exposure: "fixed" is one exposure, or what cameras recorded of several; "per_image" one for each image, which is not known,
@@ -73,23 +73,23 @@ class CaptureSettings:
         white_balance: "fixed", or "per_image": the images were multiplied by three factors each that are not known, exposure and
             white balance; nothing is simulated.
         percentile: Share of the object's pixels, in percent, that an exposure keeps below the clip.
-        jpeg: Of "ldr": quality of the JPEG that each photograph goes through, 1 to 95 as encoders count; "none" keeps all bits.
+        jpeg: Quality of the JPEG that each photograph of "ldr" goes through, 1 to 95 as encoders count; "none" keeps all bits.
         background: Grey behind the object, as a share of the radiance at ``percentile``: pixels at the edge mix it in, and a mask
             that is too large shows it. "none": the object is cut out without any.
         light: "static" stands still about the object; "turntable" stands still about the camera while the object turns on an axis;
             "camera" is fixed to the camera, as a lamp on it is, or any before which an object is turned by hand.
-        turntable_axis: Of "turntable": its direction in the object's coordinates; "auto" fits it to the cameras.
+        turntable_axis: Direction of the axis of "turntable" in the object's coordinates; "auto" fits it to the cameras.
         faults: What goes wrong besides.
         consistency: Rounds in which poses and masks are made to agree with the hull of all masks, before anything else is made of
             them; 0 takes them as they are.
         margin: Pixels along the inside of every mask that a fit does not see, nor anything outside of it; 0 shows it all.
         geometry: Where the mesh comes from: "given" by the scene, "smoothed" from that, the visual "hull" of the masks, or "sdf", a
             surface that is made of masks and images.
-        smoothing: Of "smoothed": standard deviation of the blur, as a share of the diagonal of the mesh's box.
-        cells: Of "hull": cells of the grid along the longest side of the object.
-        tolerated: Of "hull" and "sdf": how many views may see a point outside of their masks before it is cut away; 1 survives one
-            wrong mask, and leaves a larger hull.
-        triangles: Of "hull" and "sdf": about how many the mesh has at most.
+        smoothing: Standard deviation of the blur of "smoothed", as a share of the diagonal of the mesh's box.
+        cells: Cells of the grid of "hull" along the longest side of the object.
+        tolerated: How many views may see a point outside of their masks before "hull" and "sdf" cut it away; 1 survives one wrong
+            mask, and leaves a larger hull.
+        triangles: About how many triangles the mesh of "hull" and "sdf" has at most.
         sdf: How "sdf" is made.
     """
 

@@ -20,6 +20,7 @@ ENOUGH = 5  # cameras: a circle goes through any three
 MEMBER = 0.1  # of its radius, within which a camera belongs to a round: its roll counts, too
 ROLL = 0.12  # sine of the angle by which a camera may be rolled about the axis of its round
 APART = 0.1  # sine of the angle between the right of two cameras from which they tell an axis
+PAIRED = 100  # cameras at most
 REFITS = 3  # times that what belongs together is told again from what was fitted
 ON_AXIS = 0.02  # sine of the angle at which a camera stands off a given axis, below which it is on it
 
@@ -38,18 +39,16 @@ def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callab
         if not axis.any():
             raise InputError("capture.turntable_axis: expected a direction, found [0, 0, 0]")
         axis, middle = axis / np.linalg.norm(axis), where_they_meet(poses[:, :3, 3], poses[:, :3, 2])  # which is on the axis
-        arms = poses[:, :3, 3] - middle
-        across = np.linalg.norm(np.cross(arms, axis), axis=1) / np.linalg.norm(arms, axis=1).clip(1e-12)
-        if across.min() < ON_AXIS:
-            raise InputError(
-                f"capture.turntable_axis: expected cameras beside the axis, found {views[int(across.argmin())].name} on it, from "
-                "which nobody sees how far the object has turned; capture.light=camera needs no axis"
-            )
-        return TurningLight(start, (Round(_vector(axis), _vector(middle)),))
+        given = TurningLight(start, (Round(_vector(axis), _vector(middle)),))
+        _expect_beside(given, views, poses)
+        return given
     rounds = fitted_rounds(poses)
     residual = float(np.sqrt(np.average([one.residual**2 for one in rounds], weights=[len(one.views) for one in rounds])))
     told = f"{100 * residual:.1f} % of their mean radius off (root mean square)"
-    if residual > OFF or len(views) < ENOUGH:
+    downward = int((poses[:, :3, 1] @ rounds[0].axis <= 0).sum()) if len(rounds) == 1 else 0
+    if downward:
+        told += f", {downward} of them upside down"
+    if residual > OFF or downward or len(views) < ENOUGH:
         raise InputError(
             f"capture.light=turntable: expected {ENOUGH} cameras or more on circles around one axis, found {len(views)}, {told}; "
             "capture.turntable_axis=[x,y,z] gives an axis, and capture.light=camera needs none"
@@ -64,7 +63,20 @@ def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callab
             f"capture.light=turntable: the object was laid down anew between {counts} photographs; camera and lamps are taken "
             "to have stayed"
         )
-    return TurningLight(start, tuple(Round(_vector(one.axis), _vector(one.point), one.circles) for one in rounds), residual)
+    fitted = TurningLight(start, tuple(Round(_vector(one.axis), _vector(one.point), one.circles) for one in rounds), residual)
+    _expect_beside(fitted, views, poses)
+    return fitted
+
+
+def _expect_beside(turning: TurningLight, views: Sequence[View], poses: np.ndarray) -> None:
+    """Raises InputError for a camera on the axis of its round, from which nobody sees how far the object has turned."""
+    for view, pose, number in zip(views, poses, turning.rounds_of(poses), strict=True):
+        across, height = turning.rounds[number].arms(pose[None, :3, 3])
+        if np.linalg.norm(across) < ON_AXIS * np.hypot(np.linalg.norm(across), height[0]):
+            raise InputError(
+                f"capture.light=turntable: expected cameras beside the axis, found {view.name} on it, from which nobody sees how "
+                "far the object has turned; capture.light=camera needs no axis"
+            )
 
 
 def _vector(values: np.ndarray) -> Vector:
@@ -98,7 +110,7 @@ def fitted_rounds(poses: np.ndarray) -> list[Circles]:
     what is left goes on to the next axis. One axis for all comes back, however far off they are, where others do no better.
     """
     whole = fitted_circles(poses)
-    if whole.residual <= OFF:
+    if whole.residual <= OFF and (poses[:, :3, 1] @ whole.axis > 0).all():  # an object that was turned over has the axis reversed
         return [whole]
     rest, found = np.arange(len(poses)), []
     while len(rest) >= ENOUGH:
@@ -115,9 +127,13 @@ def fitted_rounds(poses: np.ndarray) -> list[Circles]:
 
 
 def _upright(poses: np.ndarray) -> np.ndarray:
-    """Which cameras, (V,) bool, stand upright around one axis: that of any two which is at a right angle to the right of most."""
+    """Which cameras, (V,) bool, stand upright around one axis: that of any two which is at a right angle to the right of most.
+
+    Of many cameras PAIRED are paired, evenly chosen, for their number counts squared.
+    """
     right, up = poses[:, :3, 0], poses[:, :3, 1]
-    axes = np.cross(right[:, None], right[None]).reshape(-1, 3)
+    some = right[np.linspace(0, len(right) - 1, min(len(right), PAIRED)).round().astype(int)]
+    axes = np.cross(some[:, None], some[None]).reshape(-1, 3)
     length = np.linalg.norm(axes, axis=1)
     axes = axes[length > APART] / length[length > APART, None]
     upright = (np.abs(axes @ right.T) < ROLL) & (axes @ up.T > 0)

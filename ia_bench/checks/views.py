@@ -12,6 +12,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.geometry.consistency import outline
 from ia_bench.geometry.hull import outline_distance, visual_hull
 from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import View
 
 CELLS = 64  # of the hulls that masks are compared with
@@ -97,12 +98,11 @@ def sharpness(view: View) -> float:
     inside = outline_distance(view.mask) < -DEEP
     if view.valid is not None:
         inside &= view.valid
-    share = view.mask[..., None]
-    straight = np.divide(view.image, share, out=np.zeros_like(view.image), where=share > 0).mean(-1)
-    bright = float(np.quantile(straight[inside], 0.95)) if inside.any() else 0.0
+    light = straight(view.image, view.mask).mean(-1)
+    bright = float(np.quantile(light[inside], 0.95)) if inside.any() else 0.0
     if bright <= 0:
         return float("nan")
-    grey = linear_to_srgb((straight / bright).clip(0, 1.5))
+    grey = linear_to_srgb((light / bright).clip(0, 1.5))
     detail = [grey - _blurred(grey, view.mask, pixels) for pixels in (FINE, COARSE)]
     fine, all_of_it = (float(np.square(part[inside]).mean()) for part in detail)
     return fine / all_of_it if all_of_it > 1e-8 else float("nan")

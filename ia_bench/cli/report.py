@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _table_of(folders: Sequence[Path]) -> Table:
-    """Of the table whose results one of the ``folders`` is, the rows of its last call; without rows where that cannot be told."""
+    """The table whose results one of the ``folders`` is, with the rows of its last call; without rows where that cannot be told."""
     plans = [read_cells(folder) for folder in folders if (folder / CELLS).exists()]
     if len(plans) == 1:
         called, listed = plans[0].table, {cell.row for cell in plans[0].cells}

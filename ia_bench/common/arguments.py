@@ -69,7 +69,7 @@ def at_least(least: int) -> Callable[[str], int]:
     """An argparse ``type``: a whole number that is not below ``least``."""
 
     def number(text: str) -> int:
-        if not re.fullmatch(r"-?\d{1,18}", text) or int(text) < least:
+        if not re.fullmatch(r"-?[0-9]{1,18}", text) or int(text) < least:
             raise argparse.ArgumentTypeError(f"expected a whole number of at least {least}, found {text}")
         return int(text)
 
@@ -80,6 +80,8 @@ def value_of(text: str) -> object:
     """``text`` as YAML reads it, and 5e-4 as a number."""
     try:
         value = yaml.safe_load(text)
-        return float(value) if isinstance(value, str) else value
+        if isinstance(value, str):
+            return float(value) if value.isascii() else text  # float() reads digits of every script
+        return value
     except (yaml.YAMLError, ValueError):  # also of a date that does not exist
         return text

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import logging
 import os
 import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial, wraps
 from types import FrameType
 from typing import ParamSpec, TextIO
 
 from ia_bench.common.errors import Fault, InputError, PluginError, printable
+from ia_bench.common.files import shown
 
 P = ParamSpec("P")
 log = logging.getLogger("ia_bench")
 """Where notes go that nobody takes: of this package as a library, whose user decides what becomes of them."""
+STREAMS = {"stdout": 1, "stderr": 2}
+NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)  # what a system says of names that nothing can have: of those that a user gave
 OK, FAULT, MISTAKE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
 
@@ -37,6 +42,34 @@ def say(text: str, stream: TextIO | None) -> None:
     except (OSError, ValueError):  # a full disk, a pipe that is closed at the other end, a closed file
         with suppress(OSError, ValueError), open(os.devnull, "w") as nowhere:  # else Python tries again when it ends, and ends
             os.dup2(nowhere.fileno(), stream.fileno())  # with a status of its own
+
+
+@contextmanager
+def streams_kept() -> Iterator[None]:
+    """Put standard output and error back as they were, however the block ends: closed, exchanged, or led elsewhere by a plugin."""
+    copies = dict[int, int]()
+    kept = [(name, stream, getattr(stream, "encoding", None)) for name in STREAMS if (stream := getattr(sys, name)) is not None]
+    for number in STREAMS.values():
+        with suppress(OSError):  # of a process that has none
+            copies[number] = os.dup(number)
+    try:
+        yield
+    finally:
+        for number, copy in copies.items():
+            os.dup2(copy, number)
+            os.close(copy)
+        for name, stream, encoding in kept:
+            if not _is_open(stream):
+                file = io.BufferedWriter(io.FileIO(STREAMS[name], "w", closefd=False))
+                stream = io.TextIOWrapper(file, encoding, "backslashreplace", line_buffering=True)
+            setattr(sys, name, stream)
+
+
+def _is_open(stream: TextIO) -> bool:
+    try:
+        return not getattr(stream, "closed", False)
+    except ValueError:  # whose buffer was taken away
+        return False
 
 
 def complain(message: str, status: int = MISTAKE) -> int:
@@ -68,6 +101,8 @@ def status_of(work: Callable[[], int]) -> int:
         status = TERMINATED if isinstance(stop, Terminated) else INTERRUPTED
         return complain(f"interrupted{stop.args[0] if stop.args else '; the same command resumes'}", status)
     except (InputError, Fault, FloatingPointError, OSError) as error:  # the last two say themselves which numbers, or which file
+        if isinstance(error, OSError) and error.errno in NO_NAME:
+            return complain(f"{shown(error.filename)}: expected the name of a file or folder, found: {error.strerror}")
         mistake = isinstance(error, InputError) and not isinstance(error, PluginError)
         return complain(str(error), MISTAKE if mistake else FAULT)
     except Exception:

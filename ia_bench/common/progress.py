@@ -56,14 +56,15 @@ class Progress:
     def __init__(self, stream: TextIO | None = None, *, quiet: bool = False) -> None:
         """Bars if ``stream`` is a terminal, else lines; ``quiet``: neither, and notes are logged."""
         self._quiet = quiet
-        self._stream: TextIO | None = sys.stderr if stream is None else stream
+        self._stream = stream
         self._rich: RichProgress | None = None
         self._bars: dict[ProgressBar, TaskID] = {}
         self._last_line = -LINE_SECONDS
-        if not quiet and self._stream is not None and self._stream.isatty():
+        shown_on = sys.stderr if stream is None else stream
+        if not quiet and shown_on is not None and shown_on.isatty():
             name, status = (TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[status]}"))
             columns = (SpinnerColumn(), name, BarColumn(), MofNCompleteColumn(), status)
-            self._rich = RichProgress(*columns, console=Console(file=self._stream), refresh_per_second=4)
+            self._rich = RichProgress(*columns, console=Console(file=stream, stderr=True), refresh_per_second=4)
 
     def __enter__(self) -> Progress:
         """Start drawing."""
@@ -92,7 +93,7 @@ class Progress:
             log.info("%s", text)
             return
         if self._rich is None:
-            say(text, self._stream)
+            say(text, sys.stderr if self._stream is None else self._stream)  # which a plugin may have closed in between
             return
         with suppress(OSError):  # of a terminal that is gone
             self._rich.console.print(text, markup=False, highlight=False, soft_wrap=True)

@@ -28,6 +28,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from ia_bench.common.errors import Fault, InputError, PluginError, place_of, raised, unknown
+from ia_bench.common.exit_codes import streams_kept
 from ia_bench.common.files import hash_of_files, read_yaml
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.settings import check_arguments
@@ -212,7 +213,7 @@ def told(error: BaseException) -> str:
 
 @contextmanager
 def process_state_kept() -> Iterator[None]:
-    """Put the state of the process back to what it was, however the block ends: random states, the folder, defaults of torch.
+    """Put back what the process had, however the block ends: random states, the folder, standard streams, defaults of torch.
 
     Where the block itself imports torch, that is put back to what it starts with.
     """
@@ -224,7 +225,8 @@ def process_state_kept() -> Iterator[None]:
         kept = {name: getattr(torch, f"get_{name}")() for name in names}
         gradients, generator = torch.is_grad_enabled(), torch.get_rng_state()
     try:
-        yield
+        with streams_kept():
+            yield
     finally:
         random.setstate(states[0])
         np.random.set_state(states[1])

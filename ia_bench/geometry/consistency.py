@@ -109,7 +109,7 @@ def _mended(view: View, found: Outline, unknowns: np.ndarray) -> View:
 
 
 def nearest_to_rays(camera: Camera, rows: np.ndarray, columns: np.ndarray, grid: DistanceGrid) -> tuple[np.ndarray, np.ndarray]:
-    """Of each pixel's ray, the point (N, 3) deepest in the shape, or nearest to it, and its distance in pixels (N,)."""
+    """The point (N, 3) of each pixel's ray that is deepest in the shape, or nearest to it, and its distance in pixels (N,)."""
     along, origin = camera.rays(columns + 0.5, rows + 0.5), camera.position
     corners = np.stack(np.meshgrid(*zip(grid.low.tolist(), grid.high.tolist(), strict=True), indexing="ij"), -1).reshape(-1, 3)
     depths = (origin - corners) @ camera.to_world[:3, 2]

@@ -102,7 +102,7 @@ def grown_mask(view: View, pixels: float) -> np.ndarray:
 
 
 def _edge_pixels(values: np.ndarray) -> np.ndarray:
-    """Of every two neighbours (H, W) on different sides of one half, that which is nearer to it; both if neither is."""
+    """The one of every two neighbours (H, W) on different sides of one half that is nearer to it; both if neither is."""
     inside, away = values > HALF, np.abs(values - HALF)
     edge = np.zeros(values.shape, bool)
     for one, two in (((slice(None, -1),), (slice(1, None),)), ((slice(None), slice(None, -1)), (slice(None), slice(1, None)))):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -105,8 +106,11 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
         raise InputError(f"{path}: expected faces of vertices that are counted from 1, found vertex 0")
     source = path if content is None else io.BytesIO(content)
     kind = path.suffix.lower().removeprefix(".")
+    options: Any = {"process": False, "fix_texture": _uv_per_face(path), "resolver": Beside(str(path))}
     try:
-        return trimesh.load(source, file_type=kind, process=False, fix_texture=_uv_per_face(path), resolver=Beside(str(path)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of numpy and Pillow: what is wrong with a file is said in a sentence of ours
+            return trimesh.load(source, file_type=kind, **options)
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise _unreadable(path, error) from None
 

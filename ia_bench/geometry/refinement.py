@@ -11,8 +11,8 @@ over random pixels,
 with c the colour that rays gather and A their opacity; the last two over the vertices near the surface, in cells. Nothing
 is known of the light, so shading is seen as paint, which tells shape as well where views overlap. Where the light turns with the
 camera, shading belongs to the normal as the light sees it; since stereo may be misled there, what it found and the hull are both
-tried as the start. Where normals n' are given
-(MonoSDF: Yu et al. 2022), there is besides, of the normals n that rays gather as they do colours,
+tried as the start. Where normals n' are given (MonoSDF: Yu et al. 2022), there is besides, of the normals n that rays gather as
+they do colours,
 
     NORMAL (|n - n'|_1 + |1 - n . n'|)
 """
@@ -48,7 +48,7 @@ OFFSET = 1e-3  # and of the square of a pixel by which a photograph moves
 BAND = 3.0  # cells from the surface within which vertices are regular
 BEYOND = 0.5  # cells that the surface may leave the hull by, where masks are not quite right
 AGAIN = 20  # steps after which the vertices near the surface are looked for again
-TRIAL = 4  # of two starts, that is taken which is better after a fraction of the steps
+TRIAL = 4  # of two starts, that is taken which is better after so many-th of the steps
 HIDDEN = 32  # units of the layers of the network of colours
 BEGINNING = -3.0  # what its last layer starts with: softplus of it is .05 of the mean colour
 DARK = -0.5  # first value of the features of the colour: softplus of it is half of the mean radiance
@@ -103,7 +103,8 @@ def surface_from_images(
     torch.set_flush_denormal(True)  # features that no ray meets decay to numbers that are slow to compute with
     try:
         if len(starts) > 1:
-            starts.sort(key=lambda start: refined(start, max(steps // TRIAL, 1), None)[1])
+            tried = [refined(start, max(steps // TRIAL, 1), None)[1] for start in starts]
+            starts = [starts[int(np.argmin(np.nan_to_num(tried, nan=np.inf)))]]
         values, _ = refined(starts[0], steps, photographs)
     finally:
         torch.set_flush_denormal(False)

@@ -220,7 +220,7 @@ class FitState:
     """What a regulariser is told of a fit, beside its material.
 
     Attributes:
-        problem: Of the fit; its ``asked_views`` are those that a prior is asked about.
+        problem: The problem of the fit; its ``asked_views`` are those that a prior is asked about.
         light: As recovered so far.
         exposures: The factors (V, 1), or (V, 3) by channel, by which photographs were exposed; None where they are the same.
         observed: (T, T) bool, texels that some photograph shows.

@@ -48,7 +48,7 @@ class ImagesOptions:
 
     Attributes:
         path: The folder of pictures.
-        encoding: Of PNG pictures of colour, "srgb" or "linear"; roughness is always as it is stored.
+        encoding: The encoding of PNG pictures of colour, "srgb" or "linear"; roughness is always as it is stored.
         albedo_encoding: The same of albedo alone, None for that of all colours.
         order: "names": a picture is called like its view; "sorted": pictures by name are in the order of the views; or a JSON file
             whose "frames" say by their "file_path" what the pictures of the first view, the second one and so on are called.

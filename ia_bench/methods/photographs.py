@@ -55,8 +55,7 @@ class Photographs:
     @classmethod
     def of(cls, scene: Scene, gbuffer: GBuffer) -> Photographs:
         """Those of a ``scene``, whose training cameras the ``gbuffer`` is of; on its device."""
-        pictures = (stacked(scene.train, name).to(gbuffer.pixel.device) for name in ("image", "mask", "known"))
-        radiance, mask, known = (each.reshape(math.prod(gbuffer.shape), -1)[gbuffer.pixel] for each in pictures)
+        radiance, mask, known = (in_pixels(scene.train, name, gbuffer) for name in ("image", "mask", "known"))
         left_out = gbuffer.filled & (mask[:, 0] <= INSIDE)
         inside = radiance[mask[:, 0] > INSIDE]
         mean, (least, most) = float(inside.mean()) if len(inside) else 0.0, USUAL
@@ -81,6 +80,18 @@ def as_photographed(renders: Mapping[str, Tensor], views: tuple[int, ...], expos
 def stacked(views: Sequence[View], name: str) -> Tensor:
     """What views of one size have by a ``name`` of :class:`View`, such as "mask": (V, H, W, ...), on the CPU."""
     return torch.from_numpy(np.stack([getattr(view, name) for view in views]))
+
+
+def in_pixels(views: Sequence[View], name: str, gbuffer: GBuffer) -> Tensor:
+    """What views have by a ``name`` in the pixels of their ``gbuffer``, (P, C), on its device; one whole view at a time is held."""
+    size, device = math.prod(gbuffer.shape[1:]), gbuffer.pixel.device
+    ends = torch.searchsorted(gbuffer.pixel, size * torch.arange(1, len(views), device=device))
+    places = gbuffer.pixel.tensor_split(ends.tolist())  # one that is of another view lies outside, which index_select refuses
+    parts = [
+        stacked([view], name).to(device).reshape(size, -1).index_select(0, pixel - number * size)
+        for number, (view, pixel) in enumerate(zip(views, places, strict=True))
+    ]
+    return torch.cat(parts)
 
 
 def one_sided(target: Tensor, rendered: Tensor, known: Tensor) -> Tensor:

@@ -144,7 +144,7 @@ class _Probe:
         raise InputError(f"{scene.source}: no training camera sees the mesh: {USUAL}")
 
     def generator(self) -> torch.Generator:
-        """Of one measurement's own draws."""
+        """The generator of one measurement's own draws."""
         return torch.Generator(device=self.gbuffer.face.device).manual_seed(0)
 
     def points(self, count: int, generator: torch.Generator) -> SurfacePoints:

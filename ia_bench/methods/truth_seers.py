@@ -73,10 +73,10 @@ class Constant(_TruthSeer):
         from ia_bench.methods.contract import Result
         from ia_bench.methods.photographs import light_of_the_mean_image
         from ia_bench.render.reconstruction import TexturedReconstruction
+        from ia_bench.scenes.images import straight
 
         views = () if problem.truth is None else problem.truth.test
-        inside = [(view.albedo, view.mask, view.mask > COVERED) for view in views if view.albedo is not None]
-        shown = [albedo[covered] / mask[covered, None] for albedo, mask, covered in inside]
+        shown = [straight(view.albedo, view.mask)[view.mask > COVERED] for view in views if view.albedo is not None]
         if not sum(map(len, shown)):
             raise InputError(f"method=constant: scene {problem.scene.name}: expected test views with true albedo, found none")
         device = problem.device

@@ -22,8 +22,9 @@ from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Coupling, Method, Monitor, Problem, Regulariser, Result
 from ia_bench.methods.monitor import NOT_OF_THE_ROW, OF_THE_FIT
 from ia_bench.priors.validation import MOST, check_numbers
-from ia_bench.readers.contract import BRIGHTEST, ROUNDING
+from ia_bench.readers.contract import ROUNDING
 from ia_bench.render.reconstruction import Assets, Reconstruction, TexturedReconstruction
+from ia_bench.scenes.exr import BRIGHTEST
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera, Mesh
 
@@ -197,7 +198,7 @@ ANSWERS: dict[Kind, tuple[type, dict[str, Callable[..., Any]]]] = {
 """What a plug-in of each kind must be, and what checks its answers."""
 
 TO_BE_DEFINED = Coupling.prepare, Coupling.loss, Regulariser.apply
-"""Of the base classes, what a subclass has to define."""
+"""What a subclass of the base classes has to define."""
 
 
 def _numbers(who: str, values: Any, kind: type) -> Iterator[tuple[str, Any]]:  # noqa: ANN401

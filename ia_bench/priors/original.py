@@ -47,7 +47,7 @@ class IntrinsicAnythingPrior:
 
     Attributes:
         weights: Folder with what ``python -m ia_bench_training.convert_weights`` wrote, a folder a component.
-        steps, eta: Of DDIM; the authors' are 100 (200 for high-resolution patches) and 1.
+        steps, eta: The steps and the eta of DDIM; the authors' are 100 (200 for high-resolution patches) and 1.
         guidance_strength: The authors' scale, recommended from 2 to 5 (:func:`pull`).
         batch: Images at a time, which changes no sample beyond rounding.
         device: "auto", "cpu" or "cuda".

@@ -17,6 +17,7 @@ import numpy as np
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json, shown
+from ia_bench.readers.contract import check_camera
 from ia_bench.scenes.scene import OPENCV_AXES, Camera, View
 
 NamedFrame = tuple[str, Mapping[str, Any]]
@@ -145,7 +146,8 @@ def camera(where: str, frame: Mapping[str, Any], shape: tuple[int, ...]) -> Came
     else:
         raise InputError(f"{where}: expected camera_angle_x or fl_x, found neither")
     middle = {"cx": 0.5 * width, "cy": 0.5 * height, **frame}
-    return Camera(to_world, focal, (number(where, middle, "cx"), number(where, middle, "cy")), width, height)
+    centre = number(where, middle, "cx"), number(where, middle, "cy")
+    return check_camera(where, Camera(to_world, focal, centre, width, height))
 
 
 def expect_size_of(where: str, frame: Mapping[str, Any], path: Path, shape: tuple[int, ...]) -> None:
@@ -185,7 +187,8 @@ def from_projection(where: str, projection: np.ndarray, width: int, height: int)
     to_world = np.eye(4)
     to_world[:3, :3], to_world[:3, 3] = rotation.T, -np.linalg.solve(left, projection[:, 3])
     centre = (float(intrinsic[0, 2]) + 0.5, float(intrinsic[1, 2]) + 0.5)
-    return Camera(to_world @ OPENCV_AXES, (float(intrinsic[0, 0]), float(intrinsic[1, 1])), centre, width, height)
+    focal = float(intrinsic[0, 0]), float(intrinsic[1, 1])
+    return check_camera(where, Camera(to_world @ OPENCV_AXES, focal, centre, width, height))
 
 
 # ---------------------------------------------------------------- do cameras look at the object?

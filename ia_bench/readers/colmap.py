@@ -20,6 +20,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, shown
 from ia_bench.readers.base import UnsplitReader
 from ia_bench.readers.cameras import Lens, expect_each_once, from_world_to_camera, rigid, undistorted
+from ia_bench.readers.contract import check_camera
 from ia_bench.readers.pictures import mask_beside, photograph
 from ia_bench.scenes.photograph import expect_size
 from ia_bench.scenes.scene import Camera, Scene, View
@@ -94,6 +95,7 @@ class ColmapReader(UnsplitReader):
         to_camera[:3, :3], to_camera[:3, 3] = Rotation.from_quat(np.roll(pose[:4], -1)).as_matrix(), pose[4:]
         to_world = from_world_to_camera(rigid(where, "pose", to_camera))
         camera = Camera(to_world, focal, (values["cx"], values["cy"]), width, height)
+        check_camera(f"{where}: {about}", camera)
         return undistorted(str(path), photo.view(Path(name).with_suffix("").as_posix(), camera), glass)
 
     def _model(self, notes: list[str]) -> tuple[dict[int, Sensor], list[Posed]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import shown
-from ia_bench.scenes.exr import MAX_PIXELS
+from ia_bench.scenes.exr import BRIGHTEST, MAX_PIXELS
 from ia_bench.scenes.scene import Camera, Mesh, Scene, Truth, View
 
 SPLITS = ("train", "test", "novel")
@@ -26,7 +26,6 @@ TRUTH_OF_VIEWS: dict[str, tuple[int, float, float]] = {
 }
 """The truth that a view may have: channels, least and largest value."""
 ROUNDING = 0.01  # which lossy images may go beyond the ends of a range
-BRIGHTEST = 1e12  # radiance, in whatever unit: squares of more than it leave the range of float32
 FOCAL = 1e-3, 1e6  # focal lengths, and principal points, in widths of an image
 NUMBERS = (int, float, np.integer, np.floating)
 FAR = 1e12  # scene units
@@ -107,6 +106,22 @@ def check_scene(scene: object, *, truth: bool) -> Scene:
     return scene
 
 
+def check_camera(where: str, camera: Camera) -> Camera:
+    """The ``camera``, as Scene describes it. Raises InputError, naming ``where``, for numbers that no camera has."""
+    for key in ("width", "height"):
+        _check_numbers(f"{where}: {key}", getattr(camera, key), 1, MAX_PIXELS, kinds=(int, np.integer))
+    least, most = (limit * max(camera.width, camera.height) for limit in FOCAL)
+    _check_numbers(f"{where}: focal", camera.focal, least, most, count=2)
+    _check_numbers(f"{where}: centre", camera.centre, -most, most, count=2)
+    matrix = np.asarray(camera.to_world)
+    sound = matrix.shape == (4, 4) and matrix.dtype.kind in "fi" and (np.abs(matrix) < FAR).all()
+    rotation = matrix[:3, :3] if sound else np.zeros((3, 3))
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 2e-3 or np.linalg.det(rotation) < 0 or matrix[3].tolist() != [0, 0, 0, 1]:
+        found = shown(matrix.tolist())
+        raise InputError(f"{where}: expected a rotation and a translation, camera-to-world, found {found}")
+    return camera
+
+
 def unscored(scene: Scene, *, aligned: bool = True) -> dict[str, str]:
     """What cannot be scored on a scene that was read with its truth: the component and what the scene lacks for it.
 
@@ -134,18 +149,7 @@ def unscored(scene: Scene, *, aligned: bool = True) -> dict[str, str]:
 def _check_view(where: str, view: object, truth: bool) -> None:
     if not isinstance(view, View) or not isinstance(view.camera, Camera):
         raise InputError(f"{where}: expected a View with a Camera, found {type(view).__name__}")
-    camera = view.camera
-    for key in ("width", "height"):
-        _check_numbers(f"{where}: camera: {key}", getattr(camera, key), 1, MAX_PIXELS, kinds=(int, np.integer))
-    least, most = (limit * max(camera.width, camera.height) for limit in FOCAL)
-    _check_numbers(f"{where}: camera: focal", camera.focal, least, most, count=2)
-    _check_numbers(f"{where}: camera: centre", camera.centre, -most, most, count=2)
-    matrix = np.asarray(camera.to_world)
-    sound = matrix.shape == (4, 4) and matrix.dtype.kind in "fi" and (np.abs(matrix) < FAR).all()
-    rotation = matrix[:3, :3] if sound else np.zeros((3, 3))
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 2e-3 or np.linalg.det(rotation) < 0 or matrix[3].tolist() != [0, 0, 0, 1]:
-        found = shown(matrix.tolist())
-        raise InputError(f"{where}: camera: expected a rotation and a translation, camera-to-world, found {found}")
+    camera = check_camera(f"{where}: camera", view.camera)
     shape = camera.height, camera.width
     _check_array(f"{where}: image", view.image, (*shape, 3), 0, BRIGHTEST)
     _check_array(f"{where}: mask", view.mask, shape, 0, 1, slack=0)

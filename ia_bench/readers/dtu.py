@@ -15,6 +15,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.readers.base import UnsplitReader
 from ia_bench.readers.cameras import from_projection
+from ia_bench.readers.contract import FAR
 from ia_bench.readers.pictures import masks_of, photograph, pictures_in
 from ia_bench.scenes.photograph import read_arrays
 from ia_bench.scenes.scene import Scene, View
@@ -64,6 +65,8 @@ def _matrices(path: Path, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
         for key in names:
             if (shape := stored.get(key, np.zeros(0)).shape) != (4, 4):
                 raise InputError(f"{path}: {key}: expected 4 x 4 numbers for each photograph in image/, found shape {shape}")
+            if (most := np.abs(stored[key]).max()) > FAR:
+                raise InputError(f"{path}: {key}: expected numbers up to {FAR:g}, found {most:g}")
         pairs.append((stored[names[0]], stored[names[1]]))
     scale = pairs[0][1]
     same = all(np.allclose(one, scale) for _, one in pairs)

@@ -15,6 +15,7 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.readers.base import UnsplitReader
 from ia_bench.readers.cameras import rigid
+from ia_bench.readers.contract import check_camera
 from ia_bench.readers.pictures import masks_of, photograph, pictures_in
 from ia_bench.scenes.photograph import read_array
 from ia_bench.scenes.scene import Camera, Scene, View
@@ -67,4 +68,4 @@ class LlffReader(UnsplitReader):
             )
         matrix = np.vstack([np.stack([right, -down, back, place], -1), [0, 0, 0, 1]])
         to_world = rigid(where, "pose", matrix)
-        return Camera(to_world, (scale * focal,) * 2, (width / 2, height / 2), width, height)
+        return check_camera(where, Camera(to_world, (scale * focal,) * 2, (width / 2, height / 2), width, height))

@@ -18,6 +18,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json
 from ia_bench.readers.base import FolderReader
 from ia_bench.readers.cameras import from_world_to_camera, numbers, rigid
+from ia_bench.readers.contract import check_camera
 from ia_bench.readers.pictures import Encoding, Photo, true_map
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
@@ -78,7 +79,8 @@ class NeilfReader(FolderReader):
         name = Path(str(_at(where, content, "image_path", "file_paths", key))).stem
         photo = self._photo(where, name)
         height, width = photo.mask.shape
-        return photo.view(name, Camera(to_world, (fx, fy), (cx, cy), width, height))
+        camera = Camera(to_world, (fx, fy), (cx, cy), width, height)
+        return photo.view(name, check_camera(f"{where}: {'.'.join((*keys, 'intrinsic'))}", camera))
 
     def _photo(self, where: str, name: str) -> Photo:
         """The photograph, whose mask is where its position map or its depth map has a surface."""

@@ -16,6 +16,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, shown
 from ia_bench.readers.base import FolderReader
 from ia_bench.readers.cameras import from_world_to_camera, rigid
+from ia_bench.readers.contract import check_camera
 from ia_bench.readers.pictures import tone_mapped
 from ia_bench.scenes.exr import read_light
 from ia_bench.scenes.photograph import expect_size
@@ -77,7 +78,8 @@ def _camera(path: Path) -> Camera:
     if min(focal) <= 0 or abs(intrinsic[0, 1]) > 1e-6 * focal[0]:
         raise InputError(f"{path}: rows 1 to 3: expected K with positive focal lengths and no skew, found {intrinsic.tolist()}")
     width, height = int(values[7, 0]), int(values[7, 1])
-    return Camera(to_world, (float(focal[0]), float(focal[1])), (float(centre[0]), float(centre[1])), width, height)
+    pairs = (float(focal[0]), float(focal[1])), (float(centre[0]), float(centre[1]))
+    return check_camera(str(path), Camera(to_world, *pairs, width, height))
 
 
 def _exposure(path: Path) -> float:

@@ -23,6 +23,7 @@ from ia_bench.readers.base import FolderReader
 from ia_bench.readers.cameras import camera, expect_each_once, frames_of, number, photographs, share_away, text
 from ia_bench.readers.contract import MESHES
 from ia_bench.readers.pictures import maps_below, photograph
+from ia_bench.scenes.exr import MAX_PIXELS
 from ia_bench.scenes.scene import OPENCV_AXES, Scene, View
 
 PHOTOS = "raw_undistorted"
@@ -90,7 +91,9 @@ class OpenIlluminationReader(FolderReader):
         photo = photograph(path, file_below(self.folder, f"output/{masks}/{name}.png", f"{where}: mask"), notes)
         width = photo.mask.shape[1]
         calibrated = number(where, {"calib_imgw": width, **frame}, "calib_imgw")
-        if calibrated <= 0 or calibrated % width:  # photographs may have been made smaller since they were calibrated
+        if not 0 < calibrated <= MAX_PIXELS:
+            raise InputError(f"{where}: calib_imgw: expected a width up to {MAX_PIXELS} pixels, found {calibrated:g}")
+        if calibrated % width:  # photographs may have been made smaller since they were calibrated
             raise InputError(f"{path}: expected calib_imgw = {calibrated:g}, as {where} says, or a part of it, found {width}")
         return photo.view(name, camera(where, frame, photo.mask.shape))
 

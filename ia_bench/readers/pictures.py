@@ -24,7 +24,7 @@ from ia_bench.scenes.scene import Camera, Truth, View
 
 Encoding = Literal["srgb", "linear"]
 SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".webp", ".tiff", ".tif")
-"""Of photographs, in lower case; cameras write them in upper case, too."""
+"""The suffixes of photographs, in lower case; cameras write them in upper case, too."""
 CLIPPED = 0.9999  # of a linear channel; 254 of 255 is .991
 
 

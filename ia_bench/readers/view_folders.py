@@ -18,8 +18,10 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json, shown
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import focal_of, number, rigid, text
+from ia_bench.readers.cameras import focal_of, number, positive, rigid, text
+from ia_bench.readers.contract import check_camera
 from ia_bench.readers.pictures import maps_below, photograph, true_map, true_normal
+from ia_bench.scenes.exr import BRIGHTEST
 from ia_bench.scenes.photograph import expect_size
 from ia_bench.scenes.scene import Camera, Scene, View
 
@@ -103,7 +105,7 @@ class ViewFolders(FolderReader):
         to_world = rigid(where, "cam_transform_mat", matrix)
         photo = photograph(file_below(self.folder, f"{folder.name}/{path.name}", str(self.folder)), None, notes)
         expect_size(path, photo.mask.shape, (height, width), "imw and imh of metadata.json")
-        camera = Camera(to_world, (focal, focal), (0.5 * width, 0.5 * height), width, height)
+        camera = check_camera(where, Camera(to_world, (focal, focal), (0.5 * width, 0.5 * height), width, height))
         return photo.view(folder.name if light == "train" else f"{folder.name}_{light}", camera, light)
 
 
@@ -126,7 +128,10 @@ class NerfactorReader(ViewFolders):
 
     def own_light(self, where: str, metadata: dict[str, Any]) -> tuple[str, float]:
         """The map that metadata.json names, and its strength."""
-        return Path(text(where, metadata, "envmap", "")).stem, number(where, {"envmap_inten": 3.0} | metadata, "envmap_inten")
+        strength = positive(where, {"envmap_inten": 3.0} | metadata, "envmap_inten")
+        if strength > BRIGHTEST:
+            raise InputError(f"{where}: envmap_inten: expected a number up to {BRIGHTEST:g}, found {strength:g}")
+        return Path(text(where, metadata, "envmap", "")).stem, strength
 
 
 @dataclass(frozen=True, kw_only=True)

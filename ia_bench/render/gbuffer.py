@@ -20,6 +20,7 @@ from ia_bench.render.rays import RayCaster
 from ia_bench.scenes.scene import Camera, Mesh
 
 RAYS_AT_ONCE = 2**18  # primary rays traced together: about 50 MB while they are made
+PIXELS_AT_ONCE = 2**18  # whose points are looked up together: of all of 100 large views they would take gigabytes
 MARGIN = 0.5  # pixels around the image of a triangle, for the rounding of rays
 GRAZING = 0.2  # cosine below which a pixel shows a surface too obliquely to say much about it
 
@@ -54,7 +55,7 @@ class GBuffer:
     Attributes:
         face: (P, S) int32, the triangle that each point of the pixel hits, -1 for a miss.
         barycentric: (P, S, 2) in [0, 1], the weights of the triangle's corners 1 and 2.
-        pixel: (P,) int64, flat index into the stacked views (view, row, column).
+        pixel: (P,) int64, flat index into the stacked views (view, row, column), ascending as it is traced.
         to_world: (V, 4, 4), the cameras' matrices.
         shape: (V, H, W), the number of views and their size in pixels.
     """
@@ -201,8 +202,12 @@ class SurfaceInterpolator:
 
     def uv(self, face: Tensor, barycentric: Tensor) -> Tensor:
         """Texture coordinates (..., 2) of (...,) faces >= 0 and (..., 2) barycentrics."""
-        weights = torch.cat([1 - barycentric.sum(-1, keepdim=True), barycentric], -1)
-        return (self._uv[face] * weights[..., None]).sum(-2)
+        found = torch.empty_like(barycentric)
+        parts = zip(*(each.split(PIXELS_AT_ONCE) for each in (face, barycentric, found)), strict=True)
+        for corners, inner, into in parts:
+            weights = torch.cat([1 - inner.sum(-1, keepdim=True), inner], -1)
+            into[:] = (self._uv[corners] * weights[..., None]).sum(-2)
+        return found
 
     def averaged(self, face: Tensor, barycentric: Tensor, texture: Tensor) -> Tensor:
         """The mean of a texture (H, W, C) over the points of (P, S) faces and (P, S, 2) barycentrics: (P, C).

@@ -50,7 +50,7 @@ class Quality:
     Attributes:
         points: Along a side of a pixel, whose mean is the pixel.
         samples: Directions of light a pixel, for a renderer that draws any.
-        seed: Of everything random in it.
+        seed: The seed of everything random in it.
     """
 
     points: int

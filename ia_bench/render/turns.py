@@ -13,7 +13,7 @@ from ia_bench.render.gbuffer import GBuffer, SurfacePoints
 from ia_bench.scenes.turning import TurningLight
 
 TURNS = 16
-"""Of a step of a fit: for how many turns of the light its reflections are solved, at most; other views take the nearest of these.
+"""The most turns of the light for which a step of a fit solves its reflections; other views take the nearest of these.
 On one circle these are as far apart as the cells of the sky that such reflections know."""
 
 

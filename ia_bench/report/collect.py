@@ -50,7 +50,7 @@ Record = dict[str, Any]
 CellKey = tuple[str, str, int]  # row, scene, seed
 
 HASH_DIGITS = 16
-"""Of a configuration's hash that a report keeps: enough to tell any two runs apart, a quarter of the text."""
+"""How many digits of a configuration's hash a report keeps: enough to tell any two runs apart, a quarter of the text."""
 NOT_SCORED = "its record is of before this metric, or of a scene that has nothing of the kind"
 """Why a score is undefined that a run of a former version does not have."""
 

@@ -179,12 +179,23 @@ class Findings:
         return {row: BOUNDS[row] for row in self.rows if row in BOUNDS}
 
     @property
-    def seconds_compare(self) -> bool:
-        """Whether seconds rank anything: all finished runs are of one idle machine, with one number of threads, and measured."""
+    def unranked_seconds(self) -> str:
+        """Why seconds rank nothing, in a sentence.
+
+        Empty where all finished runs are known to be of one idle machine, with one number of threads, and measured.
+        """
         done = finished(self.runs)
-        if done["load"].gt(BUSY).any() or ("declared" in done and done["declared"].notna().any()):
-            return False
-        return all(done[name].nunique(dropna=False) <= 1 and done[name].notna().all() for name in ("cpu", "threads"))
+        said = [f"runs are of different {MADE_BY[name]}" for name in ("cpu", "threads") if done[name].nunique() > 1]
+        declared = done["declared"].notna() if "declared" in done else pd.Series(False, done.index)
+        for which, what in (
+            (declared, "{} took what somebody says of them"),
+            (done["cpu"].isna() & ~declared, "nobody knows the processor of {}"),
+            (done["threads"].isna() & ~declared, "nobody knows the number of threads of {}"),
+            (done["load"].isna() & ~declared, "nobody knows what else ran beside {}, of which no load was recorded"),
+            (done["load"].gt(BUSY), "{} ran beside too much else"),
+        ):
+            said += [what.format(f"{which.sum()} of {len(done)} runs")] if which.any() else []
+        return f"Seconds rank nothing: {'; '.join(said)}." if said else ""
 
 
 def analyse(collection: Collection, table: Table | None = None, rows: Sequence[str] | None = None) -> Findings:

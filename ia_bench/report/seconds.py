@@ -31,7 +31,7 @@ STATED = "costs that the table states, measured apart from these runs on one idl
 UNEQUAL = ("cpu", "threads", "commit")
 """In which runs must not differ if their seconds are to compare."""
 MOST = 4  # values of these that are named
-SHORT = 12  # characters of a commit that are shown
+LONG_COMMIT = r"^([0-9a-f]{12})[0-9a-f]+"  # of which 12 digits are shown, and whether the code was changed
 BEYOND = ">"
 """What follows a gain where the row takes longer than the whole curve: the reference might gain more with as many seconds."""
 
@@ -212,10 +212,10 @@ def _unequal(measured: Runs, counted: str) -> str:
     """In what runs differ, or nobody knows, that decides seconds; a sentence, or nothing."""
     found = []
     for name in UNEQUAL:
-        values = sorted(set(measured[name].astype(object).where(measured[name].notna(), "unknown").astype(str)))
+        known = measured[name].astype(object).where(measured[name].notna(), "unknown").astype(str)
+        values = sorted(set(known.str.replace(LONG_COMMIT, r"\1", regex=True) if name == "commit" else known))
         if len(values) > 1 or values == ["unknown"]:
-            named = [value[:SHORT] if name == "commit" else value for value in values[:MOST]]
-            found.append(f"{name} ({', '.join(named)}{' and others' if len(values) > MOST else ''})")
+            found.append(f"{name} ({', '.join(values[:MOST])}{' and others' if len(values) > MOST else ''})")
     so = "their own seconds are not used" if counted == STATED else "their seconds hardly compare"
     return f"Runs differ in {' and '.join(found)}: {so}." if found else ""
 

@@ -98,7 +98,7 @@ class Paired:
 
     @property
     def p_value(self) -> float | None:
-        """Of the two-sided paired t-test over scenes that the mean is zero, or over seeds where there is one scene.
+        """The p-value of the two-sided paired t-test over scenes that the mean is zero, or over seeds where there is one scene.
 
         None where nothing was repeated.
         """
@@ -191,7 +191,7 @@ class Verdict(Judged):
 
 
 def half_width(values: np.ndarray) -> float | None:
-    """Of Student's interval around the mean of independent values; None below two."""
+    """Half the width of Student's interval around the mean of independent values; None below two."""
     if len(values) < 2:
         return None
     return float(student.ppf(0.5 + CONFIDENCE / 2, len(values) - 1) * values.std(ddof=1)) / math.sqrt(len(values))

@@ -6,6 +6,7 @@ photographs.csv is written where the reference was run with every number of phot
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,10 @@ if TYPE_CHECKING:
 
 TITLE = "# What a prior is worth\n"
 FILES = ("value.md", "value.csv", "value.png", "value.svg", "photographs.csv")
+COLUMN, LINE, PRINT = 0.92, 0.37, 9.25
+"""Of the heat map: inches of a cell across and down, and points of its smallest print. With eight rows it is 8.3 inches wide: where
+a page shows it in 800 pixels, a digit is 9 of them tall."""
+LETTERS = 12  # of a line of a row's or a capture's name, if its words allow it
 
 
 def write_value(findings: Findings, out: Path) -> list[Path]:
@@ -112,17 +117,23 @@ def _of_gain(gain: Gain) -> Record:
 
 
 def _draw(shown: Sequence[Map]) -> Figure:
-    """A panel for every metric in dB: captures by rows, the gain as colour and number with its interval, hatched if undecided."""
+    """A panel for every metric in dB, one below the other: captures by rows, with the gain as colour and number, and its interval.
+
+    What is undecided is hatched.
+    """
     from matplotlib.figure import Figure
 
-    lines, rows = (max(len(part) for part in parts) for parts in ([one.lines for one in shown], [one.rows for one in shown]))
+    lines, rows = [len(one.lines) for one in shown], max(len(one.rows) for one in shown)
     largest = max(one.largest for one in shown) or 1.0
-    figure = Figure(figsize=(3.4 + 1.3 * rows * len(shown), 2.4 + 0.45 * lines), layout="constrained")
-    panels = figure.subplots(1, len(shown), squeeze=False, sharey=True)[0]
+    size = 0.9 + COLUMN * max(rows, 4), 0.9 + 0.9 * len(lines) + LINE * sum(lines)
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(len(shown), 1, squeeze=False, height_ratios=lines)[:, 0]
     for panel, one in zip(panels, shown, strict=True):
         image = _draw_panel(panel, one, largest)
     over = "no prior" if shown[0].reference == "none" else plain(shown[0].reference)
-    figure.colorbar(image, ax=panels, label=f"dB gained over {over}; hatched: undecided", shrink=0.8)
+    bar = figure.colorbar(image, ax=panels, location="bottom", aspect=40, pad=0.01)
+    bar.set_label(f"dB gained over {over}; hatched: undecided", fontsize=PRINT + 1)
+    bar.ax.tick_params(labelsize=PRINT)
     return figure
 
 
@@ -134,13 +145,14 @@ def _draw_panel(panel: Axes, one: Map, largest: float) -> AxesImage:
     for (x, y), gain in cells.items():
         values[y, x] = gain.mean
         if gain.outcome == "undecided":
-            box = Rectangle((x - 0.5, y - 0.5), 1, 1, fill=False, hatch="///", edgecolor="0.75", linewidth=0)
+            box = Rectangle((x - 0.5, y - 0.5), 1, 1, fill=False, hatch="/", edgecolor="0.75", linewidth=0)
             panel.add_patch(box)
         style: dict[str, Any] = {"ha": "center", "va": "center", "zorder": 2}  # above the hatching
         style["color"] = "white" if abs(values[y, x]) > 0.6 * largest else "black"
-        panel.text(x, y - 0.16, gain.text, fontsize=9, **style)
-        panel.text(x, y + 0.24, gain.between, fontsize=6.5, **style)
-    panel.set_title(one.metric.group, fontsize=9)
-    panel.set_xticks(range(len(one.rows)), [plain(row).replace(", ", ",\n") for row in one.rows], fontsize=8)
-    panel.set_yticks(range(len(one.lines)), [plain(label) for label, *_ in one.lines], fontsize=8)
+        panel.text(x, y - 0.2, gain.text, fontsize=PRINT + 1, **style)
+        panel.text(x, y + 0.24, gain.between.replace("+", ""), fontsize=PRINT, **style)
+    panel.set_title(one.metric.group, fontsize=PRINT + 2)
+    panel.xaxis.tick_top()
+    for axis, names in ((panel.xaxis, one.rows), (panel.yaxis, [label for label, *_ in one.lines])):
+        axis.set_ticks(range(len(names)), [plain(textwrap.fill(name, LETTERS)) for name in names], fontsize=PRINT)
     return panel.imshow(values, cmap="PuOr", vmin=-largest, vmax=largest, aspect="auto")

@@ -190,9 +190,9 @@ def pipe_table(one: Printed) -> str:
 
 
 def _markdown(cell: Entry | str) -> str:
-    """An entry with its names kept from being read as markup."""
+    """An entry with its names kept from being read as markup, or as mathematics, which stands between dollar signs."""
     cell = Entry(cell) if isinstance(cell, str) else cell
-    text = "".join(f"\\{letter}" if letter in "\\`*_|[]<>" else letter for letter in cell.text)
+    text = "".join(f"\\{letter}" if letter in "\\`*_|[]<>$" else letter for letter in cell.text)
     return (f"**{text}**" if cell.best else text) + "".join(f"[^{number}]" for number in cell.notes)
 
 

@@ -18,11 +18,12 @@ from pathlib import Path
 from statistics import fmean
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
+from pydantic_core import PydanticCustomError
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import read_json
+from ia_bench.common.files import is_file, read_json
 from ia_bench.common.ranges import Name
 from ia_bench.common.registry import BrokenPlugin
 from ia_bench.common.settings import parsed_file
@@ -38,6 +39,7 @@ CELLS = "cells.json"
 RUNNING, WAITING, FAILED, FINISHED = "running", "waiting", "failed", "finished"
 PROGRESS = re.compile(r"^(.+: \d+/\d+, .*)$", re.MULTILINE)  # as common.progress writes it where nobody draws bars
 TAIL_BYTES = 4096  # of a log, in which the last line of progress is looked for
+LONGEST = 255  # bytes of a file's name
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,17 @@ class TableRequest:
         return table
 
 
+def _place(path: Path) -> Path:
+    """A path as :func:`write_cells` writes it; any other one could not be asked about, or leads out of the table's results."""
+    fits = all(len(part.encode()) <= LONGEST for part in path.parts)
+    if not fits or not str(path).isprintable() or path.is_absolute() or ".." in path.parts:
+        raise PydanticCustomError("place", "a path below the table's results")
+    return path
+
+
+Place = Annotated[Path, AfterValidator(_place)]
+
+
 @dataclass(frozen=True)
 class ListedCell:
     """One run of the table: its labels, the hash of its identity, its folder, and the file with what it says."""
@@ -80,8 +93,8 @@ class ListedCell:
     scene: Name
     seed: int
     config_hash: str
-    folder: Path
-    log: Path
+    folder: Place
+    log: Place
 
     @property
     def name(self) -> str:
@@ -273,9 +286,10 @@ def _stands(cell: ListedCell, started: float) -> CellStatus:
     written, began = recorded_at(cell.folder), held_since(cell.folder)
     if began is not None:
         said = ""
-        with suppress(OSError), cell.log.open("rb") as file:
-            file.seek(max(0, cell.log.stat().st_size - TAIL_BYTES))
-            said = "".join(PROGRESS.findall(file.read().decode(errors="replace"))[-1:]).strip()
+        if is_file(cell.log):  # and no pipe, at which one would wait
+            with suppress(OSError), cell.log.open("rb") as file:
+                file.seek(max(0, cell.log.stat().st_size - TAIL_BYTES))
+                said = "".join(PROGRESS.findall(file.read().decode(errors="replace"))[-1:]).strip()
         return CellStatus(cell, RUNNING, max(0.0, time.time() - began), said)
     record = _record(cell.folder, written)
     if record is not None and record.config_hash == cell.config_hash:

@@ -93,17 +93,17 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
     given, parts = tuple(overrides), [text.partition("=") for text in overrides]
     chosen = {key: value.strip("'\" ") for key, _, value in parts}
     overrides = [f"++{text}" if text.startswith(OPTIONS) else text for text in overrides]  # keys that no file needs to have
-    overrides = [re.sub(r"^(\+?\w+)=(\w+)$", _group_by_name, text) for text in overrides]
+    overrides = [re.sub(r"^([+~]?\w+(?:@\w+)?)=\s*([\w.+-]+|\[.*)\s*$", _group_by_name, text) for text in overrides]
     if ("scene.path" in chosen or chosen.get("reader", "native") != "native") and "scene.name" not in chosen:
         overrides.append("scene.name=''")  # which is then what its reader calls it, and no shipped scene
     register(chosen)
     try:
         with initialize_config_dir(str(conf_folder()), version_base="1.3"):
             content = OmegaConf.to_container(hydra_compose("config", list(overrides)), resolve=True)
-        assert isinstance(content, dict)
-        config = replace(resolved({str(key): value for key, value in content.items()}, here), command=given)
-    except (HydraException, OmegaConfBaseException) as error:
+    except (HydraException, OmegaConfBaseException, ValueError) as error:  # the last of what no group can be, such as a number
         raise InputError(explain(error)) from error
+    assert isinstance(content, dict)
+    config = replace(resolved({str(key): value for key, value in content.items()}, here), command=given)
     asked = chosen.get("coupling", config.coupling.name)
     if asked != config.coupling.name:  # a prior's file that sets a coupling comes after it
         prior, brought = config.prior, config.coupling.name
@@ -114,9 +114,16 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
 
 
 def _group_by_name(setting: re.Match[str]) -> str:
-    """``GROUP=VALUE`` with a text as the value: a number or null names no file, which Hydra then says in its own words."""
+    """``GROUP=VALUE`` with a text as the value: a number or null names no file, which Hydra then says in its own words.
+
+    Raises InputError for a list, of which Hydra would take the last one.
+    """
     group, value = setting.groups()
-    return f"{group}='{value}'" if (conf_folder() / group.lstrip("+")).is_dir() else setting[0]
+    if not (conf_folder() / (key := group.lstrip("+~").partition("@")[0])).is_dir():
+        return setting[0]
+    if value.startswith("["):
+        raise InputError(f"{key}: expected one name, found {value}")
+    return f"{group}='{value}'"
 
 
 def explain(error: Exception) -> str:

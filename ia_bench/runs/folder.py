@@ -221,7 +221,8 @@ def held_since(path: Path) -> float | None:
 
     Nothing is made or changed; a process that begins just now waits for a moment.
     """
-    with suppress(OSError), os.fdopen(os.open(path / LOCK, os.O_RDONLY | os.O_NOFOLLOW), "rb") as lock:  # else never locked
+    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK  # the last of a pipe in its place
+    with suppress(OSError), os.fdopen(os.open(path / LOCK, flags), "rb") as lock:  # else never locked
         try:
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:

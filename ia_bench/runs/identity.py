@@ -105,7 +105,7 @@ def from_anywhere(settings: Mapping[str, Any], paths: Collection[Path] = ()) -> 
 
 
 def protocol_hash(content: Mapping[str, Any]) -> str:
-    """Of what decides how a run is scored: the protocol and the scene's files. Raises KeyError for what is no identity."""
+    """The hash of what decides how a run is scored: the protocol and the scene's files. Raises KeyError for what is no identity."""
     return hash_of({"protocol": content["protocol"], "scene": content["scene"]["content"]})
 
 

@@ -26,6 +26,8 @@ CONFIG = "config.json"
 SCHEMA: Literal[2] = 2
 CHANGED = "+changes"
 """What ends the commit of a checkout whose source differs from it (:func:`ia_bench.common.machine.commit`)."""
+LACKING = ("the scene has no ", "the scene does not know ")
+"""How reasons begin of a component that the scene has no truth of (:data:`ia_bench.scores.evaluate.NO_TRUTH`)."""
 
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Group = dict[str, float | None]
@@ -137,11 +139,21 @@ class RunRecord:
         return parsed_file(cls, path, read_json(path), advice="; delete its folder to run again")
 
     def summary(self) -> str:
-        """The means, one line per component, under the protocol that decides what they mean."""
+        """The means, one line per component, under the protocol that decides what they mean.
+
+        Components of which nothing is defined come last, by name, in a line for each reason.
+        """
         lines = [f"{self.row}, scene {self.scene}, seed {self.seed}, protocol {self.protocol}:"]
+        unscored: dict[str, list[str]] = {}
         for component, values in self.metrics.items():
+            if values and all(value is None for value in values.values()):
+                said = dict.fromkeys(self.reasons[f"{component}.{name}"] for name in values)
+                why = "no truth" if all(one.startswith(LACKING) for one in said) else "; ".join(said)
+                unscored.setdefault(why, []).append(component)
+                continue
             shown = [f"{name} {'undefined' if value is None else format(value, '.4g')}" for name, value in values.items()]
             lines.append(f"  {component:<16}{', '.join(shown)}")
+        lines += [f"  not scored ({why}): {', '.join(components)}" for why, components in unscored.items()]
         return "\n".join(lines)
 
     @property

@@ -40,7 +40,7 @@ Background = Literal["transparent", "light", "white"]
 STILL, ORBIT, TEST = "still", "orbit", "test"
 """Views that have no name: one from the side and above, the same around the object, and all that a scene holds out."""
 FIELD_OF_VIEW, ELEVATION, AZIMUTH = math.radians(30), math.radians(20), math.radians(-60)
-"""Of the camera of STILL, in front of the object (-y) and to its right."""
+"""The angles of the camera of STILL, in front of the object (-y) and to its right."""
 MARGIN = 1.05  # of the object's bounding sphere, to the picture's edge
 WIDEST = 16383  # pixels of a side: as many as WebP takes
 MOVING = (".webp", ".gif", ".mp4")

@@ -14,7 +14,7 @@ import torch
 
 from ia_bench.capture.capture import captured
 from ia_bench.common.errors import InputError, PluginError
-from ia_bench.common.registry import at_work, create
+from ia_bench.common.registry import BUILT_IN, at_work, create, named
 from ia_bench.methods.contract import Problem
 from ia_bench.priors.contract import Observations, Prior
 from ia_bench.priors.corrected import WrappedPrior
@@ -22,7 +22,7 @@ from ia_bench.readers.contract import NO_MESH, SceneReader, check_scene, unscore
 from ia_bench.render.agreement import check_agreement
 from ia_bench.render.renderer import texture_images
 from ia_bench.render.stage import Stage
-from ia_bench.runs.config import NATIVE_READER, ReaderConfig, RunConfig, SceneConfig, resolve_scene_folder
+from ia_bench.runs.config import ReaderConfig, RunConfig, SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Scene, View
 
 
@@ -35,14 +35,14 @@ def open_scene(scene: SceneConfig, reader: ReaderConfig) -> SceneReader:
 
 
 def read_scene(scene: SceneConfig, reader: ReaderConfig, *, truth: bool) -> Scene:
-    """The scene, checked. Raises InputError for what is wrong with it, naming a reader that is not ours."""
+    """The scene, checked. Raises InputError for what is wrong with it; of a reader that is not ours a PluginError that names it."""
     opened = open_scene(scene, reader)
     with at_work("reader", reader.name):
         found = opened.read(truth)
     try:
         return check_scene(found, truth=truth)
     except (InputError, AttributeError, TypeError, ValueError, IndexError) as error:  # all but the first: parts that are no arrays
-        if reader.target == NATIVE_READER:
+        if named("reader", reader.name, reader.target).distribution == BUILT_IN:  # which says what is wrong with the files
             raise
         said = error if isinstance(error, InputError) else f"expected what a Scene describes, found other parts ({error})"
         raise PluginError(f"reader={reader.name}: {said}") from error

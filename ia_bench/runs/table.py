@@ -33,7 +33,7 @@ class SceneEntry:
         name: What the table calls it.
         reader: The name of its reader, or "module:Class".
         path: What the reader is given; None for the shipped scene of that name, and for readers that need no folder.
-        options: Of the reader.
+        options: The options of the reader.
         capture: A capture of conf/capture for this scene, where the table has none for all; None for as it is read.
     """
 

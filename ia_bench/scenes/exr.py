@@ -17,7 +17,9 @@ from ia_bench.common.files import is_file, shown
 RINGING = 0.01  # lossy compression undershoots beside highlights; more than this share of the maximum is no radiance
 
 MAX_PIXELS = 1 << 26
-"""Of any image: 8192 x 8192. A larger one would fill the memory, and a header that promises more is most likely damaged."""
+"""Largest image: 8192 x 8192. A larger one would fill the memory, and a header that promises more is most likely damaged."""
+
+BRIGHTEST = 1e12  # radiance, in whatever unit: squares of more than it leave the range of float32
 
 
 def expect_size_to_read(path: Path, width: int, height: int) -> None:
@@ -89,6 +91,8 @@ def read_light(path: Path) -> np.ndarray:
     if width != 2 * height:
         raise InputError(f"{path}: expected a lat-long map, twice as wide as high, found {width} x {height}")
     refuse_negative(path, radiance)
+    if radiance.max(initial=0) > BRIGHTEST:
+        raise InputError(f"{path}: expected radiance up to {BRIGHTEST:g}, found {radiance.max():g}")
     return radiance.clip(min=0)
 
 

@@ -6,6 +6,7 @@ Whatever is read, its size is asked for before its pixels, here and for arrays o
 from __future__ import annotations
 
 import struct
+import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from io import BytesIO
@@ -153,7 +154,10 @@ def open_picture(path: Path, *, upright: bool = False, notice: Callable[[str], N
     if not is_file(path):
         raise InputError(f"{shown(path)}: no such image")
     try:
-        with Image.open(path) as file:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # of a size that is refused in a sentence of ours
+            opened = Image.open(path)
+        with opened as file:
             expect_size_to_read(path, *file.size)
             if file.format == "TIFF" and not upright:  # which, of all formats, Pillow turns while it loads it
                 file.getexif().pop(ExifTags.Base.Orientation, None)

@@ -28,7 +28,7 @@ class Round:
     circles: tuple[tuple[float, float], ...] = ()
 
     def arms(self, centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of centres (V, 3): what is across the axis from the point, (V, 3), and the height above it, (V,)."""
+        """The arms of centres (V, 3), across the axis from the point, (V, 3), and their heights above it, (V,)."""
         arm, axis = centres - self.point, np.array(self.axis)
         height = arm @ axis
         return arm - height[:, None] * axis, height
@@ -41,7 +41,7 @@ class Round:
         across, height = self.arms(to_world[:, :3, 3])
         heights, radii = np.array(self.circles).reshape(-1, 2).T
         off = np.square(height[:, None] - heights) + np.square(np.linalg.norm(across, axis=1)[:, None] - radii)
-        near = (off / np.square(radii)).min(1, initial=np.inf) if len(radii) else np.zeros(len(across))
+        near = (off / np.square(radii)).min(1) if len(radii) else np.zeros(len(across))
         sideways, upward = (to_world[:, :3, place] @ np.array(self.axis) for place in (0, 1))
         turned: np.ndarray = near + np.square(sideways) + (upward < 0)
         return turned
@@ -113,7 +113,10 @@ class TurningLight:
         """B_v of the cameras of the matrices (V, 3 or 4, 4): (V, 3, 3), the directions as columns."""
         number = self.rounds_of(to_world)
         across = np.stack([one.arms(to_world[:, :3, 3])[0] for one in self.rounds])[number, np.arange(len(number))]
-        out, axis = across / np.linalg.norm(across, axis=1, keepdims=True), np.array([one.axis for one in self.rounds])[number]
+        axis, length = np.array([one.axis for one in self.rounds])[number], np.linalg.norm(across, axis=1, keepdims=True)
+        sideways = np.cross(to_world[:, :3, 0], axis)  # for a held-out camera on the axis
+        out = np.where(length > 0, across, sideways)
+        out /= np.linalg.norm(out, axis=1, keepdims=True)
         return np.stack([out, np.cross(axis, out), axis], -1)
 
 

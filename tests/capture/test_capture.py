@@ -167,6 +167,10 @@ def test_an_sdf_is_made_of_images_and_knows_no_truth(tiny: Scene) -> None:
     captured(tiny, hull, notes.append)
     captured(other, hull, notes.append)
     assert sum("from 16 training views" in note for note in notes) == 3
+    turning = captured(tiny, replace(settings, light="camera"), notes.append)
+    assert sum("from 16 training views" in note for note in notes) == 4
+    assert not np.array_equal(turning.expect_mesh().vertices, after.expect_mesh().vertices)
+    np.testing.assert_array_equal(turning.turning.start, turning.train[0].camera.to_world[:3])
 
 
 @pytest.mark.slow

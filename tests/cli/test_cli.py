@@ -18,6 +18,8 @@ from ia_bench.cli.run import main
 from ia_bench.common.paths import conf_folder
 
 pytestmark = pytest.mark.usefixtures("workplace")
+NUMBERS = {"prior": 1.5, "scene": -1, "coupling": -1, "protocol": "-0", "method": -3, "preset": "-inf"}
+"""Where Hydra expects names."""
 
 
 @pytest.mark.parametrize(
@@ -34,6 +36,12 @@ pytestmark = pytest.mark.usefixtures("workplace")
         ("scene.path=nowhere", "scene.path=nowhere: no such folder"),
         ("hydra/launcher=ray", "hydra/launcher=ray: expected a setting of a run, found one of Hydra's own"),
         ("method=null", "unknown method 'null'. There are: "),
+        *((f"{group}={n}", f"unknown {group} '{n}'") for group, n in NUMBERS.items()),
+        ("+prior=1e5", "unknown prior '1e5'"),
+        ("prior@prior=1.5", "Could not override 'prior@prior'"),
+        ("~protocol=-1", "Could not delete 'protocol=-1'"),
+        ("prior=[none,oracle]", "prior: expected one name, found [none,oracle]"),
+        ("+coupling=[1,2]", "coupling: expected one name, found [1,2]"),
         ("prior=./mine/foo.py:Bar", "found a path: PYTHONPATH=mine makes it prior=foo:Bar"),
         ("prior=nowhere:Thing", "importing nowhere:Thing raised ModuleNotFoundError: No module named 'nowhere'"),
     ],

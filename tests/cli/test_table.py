@@ -95,6 +95,7 @@ def test_command_line_is_told_apart() -> None:
     [
         ("table=papper", "unknown table 'papper'; did you mean 'paper'?"),
         ("seeds=0,x", "seeds.1: expected a whole number, found 'x'"),
+        ("seeds=1,０", "seeds.1: expected a whole number, found '０'"),
         (f"seeds={'9' * 5000}", "seeds.0: expected "),
         ("jobs=999999", f"jobs=999999: expected at most {len(os.sched_getaffinity(0))}, the cores that this process may use"),
         ("scenes=hatt", "unknown scene 'hatt'; did you mean 'hat'?"),

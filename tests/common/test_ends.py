@@ -4,6 +4,8 @@ import argparse
 import errno
 import os
 import stat
+import subprocess
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +18,7 @@ from ia_bench.common import machine
 from ia_bench.common.arguments import at_least
 from ia_bench.common.atomic_file import whole_file, whole_folder
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import FAULT, status_of
+from ia_bench.common.exit_codes import FAULT, MISTAKE, status_of
 
 
 def test_a_file_appears_when_its_block_ends(tmp_path: Path) -> None:
@@ -85,6 +87,41 @@ def test_a_full_disk_and_numbers_that_are_none_are_told_in_one_line(
 
     assert status_of(work) == FAULT
     assert capsys.readouterr().err == f"ia_bench: {said}\n"
+
+
+def test_a_name_that_no_file_can_have_is_a_mistake_in_a_short_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    for name, why in (("x" * 3000, "File name too long"), ("loop", "Too many levels of symbolic links")):
+        assert status_of(lambda name=name: len((tmp_path / name).read_bytes())) == MISTAKE
+        said = capsys.readouterr().err
+        assert said.endswith(f": expected the name of a file or folder, found: {why}\n")
+        assert len(said) < 600
+
+
+SPOILS = {
+    "closed": "sys.stdout.close(); sys.stderr.close()",
+    "descriptors": "os.close(1); os.close(2)",
+    "led elsewhere": "sys.stdout = open(os.devnull, 'w'); os.dup2(sys.stdout.fileno(), 1)",
+    "taken apart": "sys.stdout.detach()",
+    "none": "sys.stdout = None",
+}
+SPOILED = """
+import os, sys
+from ia_bench.common.exit_codes import say
+from ia_bench.common.progress import Progress
+from ia_bench.common.registry import at_work
+progress = Progress()
+for name in sys.argv[1:]:
+    with at_work("prior", "mine"):
+        exec(name)
+    say(name, sys.stdout)
+    progress.note(name)
+"""
+
+
+def test_a_plugin_that_spoils_standard_output_does_not_silence_what_comes_after() -> None:
+    ended = subprocess.run([sys.executable, "-c", SPOILED, *SPOILS.values()], capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout.splitlines(), ended.stderr.splitlines()) == (0, [*SPOILS.values()], [*SPOILS.values()])
 
 
 @pytest.mark.parametrize(

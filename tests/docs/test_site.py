@@ -1,6 +1,8 @@
 """``make docs`` fails on a broken link, an orphaned page and a word that search does not find; its page of settings is complete."""
 
+import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -12,7 +14,9 @@ from typing import Any
 import pytest
 
 from ia_bench.common.settings import flat
+from ia_bench.report.collect import as_table, read_published
 from ia_bench.runs.composition import compose
+from ia_bench.runs.table import load_table
 
 ROOT = Path(__file__).resolve().parents[2]
 SITE, BUILT = ROOT / "docs" / "site", ROOT / "results" / "docs"
@@ -79,6 +83,24 @@ def test_a_mistake_fails_the_build(root: Path, page: str, text: str, said: str) 
     assert said in errors
 
 
+def reported(*variables: str) -> tuple[str, str]:
+    """The runs and the table of the page that ``make docs`` writes."""
+    command, bare = ["make", "-n", "docs", *variables], {"PATH": os.environ["PATH"]}  # not what another make was told
+    said = subprocess.run(command, cwd=ROOT, env=bare, capture_output=True, text=True, check=True).stdout
+    (line,) = (line for line in said.splitlines() if "ia-bench report" in line)
+    words = shlex.split(line)
+    return words[words.index("report") + 1], words[words.index("--table") + 1]
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="there is no make")
+def test_the_page_that_the_site_links_first_is_of_the_table_whose_runs_it_shows() -> None:
+    """Every row of the table has runs, and every run is of a row; runs that are named are of the table that is named."""
+    runs, table = reported()
+    assert {row.name for row in load_table(table).crossed_rows} == set(as_table(read_published(ROOT / runs))["row"])
+    assert reported("RUNS=results/some", "TABLE=value") == ("results/some", "value")
+    assert reported("RUNS=results/paper") == ("results/paper", "paper")
+
+
 WIDEST = ("index", "docs/settings", "docs/value", "docs/results/report", "docs/results/page/index", "datasets/index")
 
 
@@ -86,7 +108,11 @@ WIDEST = ("index", "docs/settings", "docs/value", "docs/results/report", "docs/r
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["widest", "every"])
 @pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "dark")])
 def test_no_page_is_wider_than_the_window(browser: Any, width: int, scheme: str, every: bool) -> None:
-    """Wide tables and code scroll by themselves. Nothing is asked of a network, and no console complains."""
+    """Wide tables and code scroll by themselves. Nothing is asked of a network, and no console complains.
+
+    So it is when the page has turned from light to dark, or back, which takes no time beside loading it again.
+    """
+    schemes = scheme, {"light": "dark", "dark": "light"}[scheme]
     context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
     opened, wrong = context.new_page(), []
     opened.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
@@ -95,8 +121,11 @@ def test_no_page_is_wider_than_the_window(browser: Any, width: int, scheme: str,
     if every:  # but for the one that a server shows in place of a page that is missing
         pages = sorted(set(BUILT.rglob("*.html")) - {BUILT / "404.html"})
     for page in pages:
+        opened.emulate_media(color_scheme=scheme)
         opened.goto(page.as_uri(), timeout=0)
-        wrong += [page] if opened.evaluate("document.documentElement.scrollWidth") > width else []
+        for shown in schemes:
+            opened.emulate_media(color_scheme=shown)
+            wrong += [(page, shown)] if opened.evaluate("document.documentElement.scrollWidth") > width else []
     context.close()
     assert wrong == []
 

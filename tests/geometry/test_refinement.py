@@ -9,6 +9,7 @@ import torch
 from torch.nn.functional import avg_pool2d
 
 from ia_bench.common.errors import InputError
+from ia_bench.geometry import refinement
 from ia_bench.geometry.grid import DistanceGrid, extracted, normals_at
 from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.marching import Rays
@@ -130,6 +131,20 @@ def test_a_light_that_turns_is_not_taken_for_paint() -> None:
     lit = [bowls.bowl_view(number, camera, 6.0, turn) for number, (camera, turn) in enumerate(zip(cameras, turns, strict=True))]
     static, turning = surface_from_images(lit, CELLS, 100), surface_from_images(lit, CELLS, 100, turns=turns)
     assert errors(turning)[1] < 0.7 * errors(static)[1]
+
+
+def test_of_two_starts_under_a_light_that_turns_the_better_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stereo that left a crumb of the ball: the hull, which is right, is nearer to the photographs."""
+    balls = bowls.ball_views(20)
+
+    def crumb(hull: DistanceGrid, maps: list[DepthMap]) -> DistanceGrid:
+        return DistanceGrid(hull.values + 0.3, hull.low, hull.step)
+
+    monkeypatch.setattr(refinement, "fused", crumb)
+    standing = np.stack(20 * [np.eye(3)])
+    right = visual_hull(balls, 32)
+    misled, chosen = (surface_from_images(balls, 32, 8, turns=turns) for turns in (None, standing))
+    assert float((chosen.values - right.values).abs().mean()) < 0.2 * float((misled.values - right.values).abs().mean())
 
 
 def test_the_price_of_normals_is_that_of_the_formula() -> None:

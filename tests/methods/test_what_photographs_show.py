@@ -1,5 +1,6 @@
 """Bounds, pixels that a mask leaves out, and the unit of radiance: what photographs do not say pulls a fit nowhere."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +16,15 @@ from ia_bench.material.textures import Material
 from ia_bench.methods import photographs
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.couplings.sampler import pixel_samples
-from ia_bench.methods.photographs import one_sided, stacked
+from ia_bench.methods.photographs import Photographs, one_sided, stacked
 from ia_bench.methods.regularisers.completing import effective_view_count
 from ia_bench.methods.regularisers.fusion import Fusion
 from ia_bench.methods.regularisers.refiner import fitted_views
-from ia_bench.methods.two_stage.losses import dual_buffer_loss
+from ia_bench.methods.two_stage import losses, parameters
+from ia_bench.methods.two_stage.losses import dual_buffer_loss, neighbouring_pixels
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.priors.contract import NoPrior, Samples
+from ia_bench.render import gbuffer as pixels_of_views
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.scene import Scene
 
@@ -70,6 +73,42 @@ def test_a_loss_of_unknown_pixels_pulls_nothing(tiny: Scene) -> None:
         found[known] = pulls(make_problem(black.blind()), torch.arange(200))
     assert min(found[True].values()) > 0
     assert max(found[False].values()) == 0
+
+
+def test_photographs_are_looked_up_in_their_own_views_of_which_one_at_a_time_is_copied(problem: Problem) -> None:
+    """Some have a mask of what is known, some have not. Against a loop over pixels; numpy never holds a third of all views."""
+    rng, views = np.random.default_rng(0), []
+    for number, view in enumerate(problem.scene.train):
+        valid = None if number % 2 else rng.random(view.mask.shape) > 0.3
+        views.append(replace(view, image=rng.random(view.image.shape, np.float32), mask=view.mask * (number + 1) / 50, valid=valid))
+    scene, gbuffer = replace(problem.scene, train=tuple(views)), problem.gbuffer
+    tracemalloc.start()
+    found, (_, peak) = Photographs.of(scene, gbuffer), tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < sum(view.image.nbytes for view in views) / 3
+    count, height, width = gbuffer.shape
+    assert count == len(views)
+    for entry, flat in list(enumerate(gbuffer.pixel.tolist()))[::7]:
+        number, place = flat // (height * width), (flat // width % height, flat % width)
+        assert found.radiance[entry].tolist() == views[number].image[place].tolist()
+        assert float(found.mask[entry]) == views[number].mask[place]
+        out = bool(found.left_out[entry])
+        assert bool(found.known[entry]) == (not out and (views[number].valid is None or bool(views[number].valid[place])))
+    with pytest.raises(IndexError):  # what is not in the order of its views
+        Photographs.of(scene, gbuffer.at(torch.arange(len(gbuffer.pixel)).flip(0)))
+
+
+def test_what_is_prepared_in_parts_is_what_it_is_at_once(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    def prepared() -> list[Tensor]:
+        pairs = neighbouring_pixels(problem, problem.photographs.radiance, 0.1)
+        uv = problem.renderer.surface.uv(problem.gbuffer.face.clamp_min(0).long(), problem.gbuffer.barycentric)
+        return [pairs.index, pairs.similarity, pairs.uv, uv, Parameters(problem, SETTINGS).observed]
+
+    whole = prepared()
+    assert len(problem.gbuffer.pixel) > 1000
+    for module in (pixels_of_views, losses, parameters):
+        monkeypatch.setattr(module, "PIXELS_AT_ONCE", 100)
+    assert all(torch.equal(part, one) for part, one in zip(prepared(), whole, strict=True))
 
 
 def cut_off(problem: Problem) -> Problem:

@@ -198,6 +198,20 @@ def failing(error: BaseException) -> Callable[[Observations], Any]:
     return answer
 
 
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(RuntimeError("\ud800 here"), r"RuntimeError: \ud800 here"), (GeneratorExit(), "GeneratorExit: no message")],
+    ids=["surrogate", "GeneratorExit"],
+)
+def test_whatever_a_prior_raises_is_one_line_that_can_be_printed(error: BaseException, said: str) -> None:
+    with pytest.raises(PluginError) as caught:
+        ask(Answering(failing(error)), BALL, seed=0)
+    assert str(caught.value).startswith(f"prior Answering raised {said} (test_contract.py:")
+    assert str(caught.value).isprintable()
+    with pytest.raises(PluginError, match="^prior Answering raised"):
+        ask_to_distill(Answering(failing(error)), BALL, {"albedo": BALL.images}, seed=0)
+
+
 class Informed(Answering):
     """One whose info is a property that can fail."""
 

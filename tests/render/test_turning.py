@@ -196,10 +196,11 @@ def test_the_axis_is_found_from_cameras_on_circles(circles):
     assert TurningLight.of_record(turning.record()) == turning
 
 
-def test_an_object_that_was_laid_down_anew_turns_about_another_axis_from_then_on():
+@pytest.mark.parametrize(("about", "angle"), [((0.6, 0.8, 0.0), 1.9), ((1.0, 0.0, 0.0), math.pi)])
+def test_an_object_that_was_laid_down_anew_turns_about_another_axis_from_then_on(about, angle):
     """The object's pose Q in the room, by hand: the light of the room is at Q_0^T Q_v d of the map for direction d of view v."""
     room = camera_at((0.0, -3.0, 1.0), pixels=8)
-    laid = rotation_about(np.array([0.6, 0.8, 0.0]), 1.9)
+    laid = rotation_about(np.array(about), angle)
     turns = np.linspace(0, 2 * math.pi, 20, endpoint=False)
     poses = [rotation_about(np.array([0, 0, 1.0]), angle) @ pose for pose in (np.eye(3), laid) for angle in turns]
     cameras = [turned_camera(room, pose.T) for pose in poses]
@@ -216,6 +217,24 @@ def test_an_object_that_was_laid_down_anew_turns_about_another_axis_from_then_on
     here = rotation_about(np.array([0, 0, 1.0]), 0.4) @ laid
     np.testing.assert_allclose(turning.rotations(between.to_world[None])[0], poses[0].T @ here, atol=1e-6)
     assert TurningLight.of_record(turning.record()) == turning
+
+
+def test_cameras_on_the_axis_or_upside_down_are_refused():
+    views = ring(AXIS, 20, 1.0, 3.0, np.zeros(3), 0.0)
+    above = replace(views[0].camera, to_world=views[0].camera.to_world.copy())
+    above.to_world[:3, 3] = 3 * AXIS
+    top = [replace(views[0], name="top", camera=above)]
+    with pytest.raises(InputError, match="expected cameras beside the axis, found top on it"):
+        turning_light([*views, *20 * top], CaptureSettings(light="turntable"), lambda line: None)
+    with np.errstate(all="raise"):  # a photograph that is held out may be
+        assert np.isfinite(
+            turning_light(views, CaptureSettings(light="turntable"), lambda line: None).rotations(above.to_world[None])
+        ).all()
+    down = views[3].camera.to_world.copy()
+    down[:3, :2] *= -1  # rolled by a half turn
+    rolled = [*views[:3], replace(views[3], camera=replace(views[3].camera, to_world=down)), *views[4:]]
+    with pytest.raises(InputError, match="1 of them upside down"):
+        turning_light(rolled, CaptureSettings(light="turntable"), lambda line: None)
 
 
 def test_records_of_one_axis_are_still_read():

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from ia_bench.report.collect import Runs, collect
-from ia_bench.report.curves import draw_scene, save
+from ia_bench.report.curves import draw_pareto, draw_scene, save
 from ia_bench.scores.metrics import CURVE_METRICS
 
 Write = Callable[..., Path]
@@ -47,6 +48,20 @@ def test_the_figure_shows_lines_bands_and_the_dashed_ceiling(runs: Runs) -> None
     assert "ceiling" not in {one.get_label() for one in panels["Albedo PSNR ↑"].get_lines()}
     legend = [text.get_text() for text in figure.axes[-1].get_legend().get_texts()]
     assert legend == ["ceiling", "none", "ours"]
+
+
+@pytest.mark.parametrize("name", ["cost_$a%$", "$$", "$x_"])
+def test_dollar_signs_are_no_mathematics(write_run: Write, tmp_path: Path, name: str) -> None:
+    """Which matplotlib takes them for, and raises at what is none."""
+    drawn = draw_scene(collect([write_run(name, name, curve=RISES)]).runs, name, [name])
+    row = {"row": name, "name": name, "cost": 1.0, "scores": {"albedo.psnr": 20.0}, "front": ["albedo.psnr"], "curve": False}
+    front = draw_pareto([{"capture": "", "reference": name, "rows": [row, row | {"row": "other", "name": "other", "cost": 2.0}]}])
+    for figure in (drawn, front):
+        (_, picture) = save(figure, tmp_path / "drawn")
+        shown = [text for text in figure.findobj(Text) if "$" in text.get_text()]
+        assert shown
+        assert all(text._preprocess_math(text.get_text()) == (text.get_text().replace(r"\$", "$"), False) for text in shown)
+        assert picture.stat().st_size > 0
 
 
 def test_seeds_that_were_scored_once_each_are_marks(write_run: Write) -> None:

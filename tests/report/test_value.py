@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.stats
+from matplotlib.textpath import TextPath
 from scored_runs import lines_of, scored
 
 from ia_bench.report.collect import Collection, Record, Runs, as_table
 from ia_bench.report.findings import analyse
-from ia_bench.report.value import write_value
-from ia_bench.report.worth import gains, replicates, worth
+from ia_bench.report.value import _draw, write_value
+from ia_bench.report.worth import gains, maps, replicates, worth
 from ia_bench.runs.table import Row, Table
 
 TABLE = Table(
@@ -174,3 +175,23 @@ def test_without_a_metric_in_decibels_there_is_no_figure_and_without_pairs_nothi
 def test_what_belongs_to_one_run_is_drawn_together() -> None:
     drawn = replicates([np.array([[1.0, 10.0], [2.0, 20.0]]), np.array([[3.0, 30.0]])], 100)
     np.testing.assert_allclose(drawn[:, 1], 10 * drawn[:, 0])
+
+
+def test_the_heat_map_can_be_read_in_a_page_of_800_pixels() -> None:
+    """With eight rows, as the published one: digits are 9 pixels tall there, and a number stays in its cell."""
+    table = replace(TABLE, rows=[Row("none", []), *(Row(f"kernel {n}, four times the steps", []) for n in range(8))])
+    gained = {label: [[-0.25, -0.35], [0.85, 0.95]] for label in LEVELS}
+    found = [one | {"row": str(one["row"]).replace("kernel", row.name)} for row in table.rows[1:] for one in records(gained)]
+    shown = [one for one in maps(gains(as_table(found), table)) if one.metric.label == "PSNR"]
+    assert [len(one.rows) for one in shown] == [8, 8]
+    figure = _draw(shown)
+    figure.set_dpi(800 / figure.get_figwidth())
+    figure.draw_without_rendering()
+    cell = figure.axes[0].get_window_extent().width / 8
+    assert figure.axes[0].get_window_extent().y0 > figure.axes[1].get_window_extent().y1, "one below the other"
+    texts = [text for panel in figure.axes for text in (*panel.texts, *panel.get_xticklabels(), *panel.get_yticklabels())]
+    assert len(texts) > 2 * 2 * 8 * len(LEVELS)
+    for text in texts:
+        nine = TextPath((0, 0), "0", size=text.get_fontsize() * figure.dpi / 72).get_extents()
+        assert nine.height >= 9, text.get_text()
+        assert text.axes is figure.axes[2] or text.get_window_extent().width < cell or text in text.axes.get_yticklabels()

@@ -13,8 +13,8 @@ from spoils import edited
 from ia_bench.common.errors import InputError
 from ia_bench.report.collect import NOT_SCORED, Collection, as_table, collect
 from ia_bench.report.findings import analyse
-from ia_bench.report.table import left_out, paper_rows, paper_table, parts, results_table
-from ia_bench.report.write import Report, tex, write_report
+from ia_bench.report.table import Printed, left_out, paper_rows, paper_table, parts, results_table
+from ia_bench.report.write import Report, pipe_table, tex, write_report
 from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.table import Claim, Row, Table
 from ia_bench.scores.metrics import MEASURED
@@ -173,6 +173,10 @@ def test_latex_escapes_every_special_character() -> None:
     assert tex("a_b%#&{}$~^\\") == r"a\_b\%\#\&\{\}\$\textasciitilde{}\textasciicircum{}\textbackslash{}"
 
 
+def test_markdown_escapes_what_would_be_markup_or_mathematics() -> None:
+    assert pipe_table(Printed(["Row"], [["$a_b$ | <i>*c*</i>"]])).splitlines()[-1] == r"| \$a\_b\$ \| \<i\>\*c\*\</i\> |"
+
+
 def test_the_papers_bold_figures_are_the_papers() -> None:
     rows = paper_rows()
     assert len(rows) == 13
@@ -271,16 +275,36 @@ def test_the_light_stands_in_the_main_table_and_every_new_group_in_one_of_its_ow
 
 def test_runs_that_were_made_alike_are_compared_by_their_seconds_too() -> None:
     alike = {"preset": "quick", "threads": 1, "commit": "abc", "clean": True, "cpu": "Abacus 2"}
-    runs = as_table([scored(row, "hat", seed, 1.0, **alike) for row in ("none", "ours") for seed in (0, 1)])
+    runs = as_table([scored(row, "hat", seed, 1.0, **alike, load=1.0) for row in ("none", "ours") for seed in (0, 1)])
     found = analyse(Collection(runs))
-    assert (found.warnings, found.seconds_compare) == ([], True)
+    assert (found.warnings, found.unranked_seconds) == ([], "")
     assert [(one[0], one[-1]) for one in found.origins] == [("4", "all")]
-    assert not analyse(Collection(runs.assign(cpu=["a", "a", "a", "b"]))).seconds_compare
-    assert not analyse(Collection(runs.assign(threads=None))).seconds_compare, "what nobody knows compares with nothing"
-    assert analyse(Collection(runs.assign(load=1.1))).seconds_compare
+    assert analyse(Collection(runs.assign(load=1.1))).unranked_seconds == ""
     busy = analyse(Collection(runs.assign(load=[1.1, 1.1, 1.1, 2.0])))
-    assert not busy.seconds_compare
     assert busy.warnings == ["1 of 4 runs ran beside so much else that their seconds are too many; no seconds are ranked."]
+    for changes, why in (
+        ({"cpu": ["a", "a", "a", "b"]}, "runs are of different processors"),
+        (
+            {"threads": [1, 1, 2, None]},
+            "runs are of different numbers of threads; nobody knows the number of threads of 1 of 4 runs",
+        ),
+        ({"load": [1.1, 1.1, 1.1, 2.0]}, "1 of 4 runs ran beside too much else"),
+        ({"load": [math.nan, 1.0, math.nan, 1.0]}, "nobody knows what else ran beside 2 of 4 runs, of which no load was recorded"),
+        ({"declared": ["yes", None, None, None], "load": [math.nan, 1, 1, 1]}, "1 of 4 runs took what somebody says of them"),
+    ):
+        assert analyse(Collection(runs.assign(**changes))).unranked_seconds == f"Seconds rank nothing: {why}."
+
+
+def test_a_report_says_that_no_load_was_recorded(tmp_path: Path) -> None:
+    """Of one machine that was idle nothing is said; of one of which nobody knows it, in the report."""
+    alike = {"preset": "quick", "threads": 1, "commit": "abc", "clean": True, "cpu": "Abacus 2"}
+    for load, told in (
+        (1.0, []),
+        (None, ["Seconds rank nothing: nobody knows what else ran beside 1 of 1 runs, of which no load was recorded."]),
+    ):
+        write_report([], tmp_path, Table(), [scored("none", "hat", 0, 20.0, **alike, load=load)])
+        lines = (tmp_path / "report.md").read_text().splitlines()
+        assert [line for line in lines if "rank nothing" in line] == told
 
 
 def test_a_row_whose_runs_differ_in_a_setting_is_named(write_run: Write) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from run_records import write_record
 
+from ia_bench.cli.report import main as report
+from ia_bench.cli.watch import main as watch
 from ia_bench.common.errors import InputError
 from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, WAITING, look, read_cells
 from ia_bench.runs.folder import find_run_folders, lock_folder
@@ -97,3 +99,21 @@ def test_what_is_no_table_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "cells.json").write_text('{"table": "paper", "jobs": 1, "cells": [{"row": "a"}]}')
     with pytest.raises(InputError, match=r"cells\.json: expected the cells of a table: cells.0.scene: expected a value"):
         read_cells(tmp_path)
+    (tmp_path / "cells.json").write_text('{"table": "paper", "jobs": 1, "cells": [{"raw": "a"}]}')
+    with pytest.raises(InputError, match=r"unknown setting 'cells.0.raw'; did you mean 'cells.0.row'\? There are: row, scene,"):
+        read_cells(tmp_path)
+
+
+@pytest.mark.parametrize("key", ["folder", "log"])
+@pytest.mark.parametrize("place", ["a\0b", "a" * 300, "../../elsewhere", "/dev/zero"], ids=["NUL", "long", "above", "device"])
+def test_a_path_that_no_table_writes_is_one_sentence(
+    tmp_path: Path, key: str, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan(tmp_path, ("a", 0))
+    content = json.loads((tmp_path / "cells.json").read_text())
+    content["cells"][0][key] = place
+    (tmp_path / "cells.json").write_text(json.dumps(content))
+    for command in (watch, report):
+        assert command([str(tmp_path)]) == 2
+        expected = f"cells.json: expected the cells of a table: cells.0.{key}: expected a path below the table's results, found '"
+        assert expected in capsys.readouterr().err

@@ -31,6 +31,13 @@ def test_bad_table_file_is_named() -> None:
         ),
         ("captures: [{vews: 8}]", "unknown setting 'captures.vews'; did you mean 'captures.views'"),
         ("captures: [{views: 0}]", "captures.views: "),
+        ("captures: []", "captures: expected at least one, found "),
+        ("photographs: 0", "photographs: expected 1 or more, found 0"),
+        (
+            "rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: []}]",
+            "metrics: expected at least one, found ",
+        ),
+        ("seeds: [１]", "seeds.0: expected a whole number, found '１'"),
         (
             "captures: [{views: 8}, {views: 8}]\nrows: [{name: a, overrides: []}]",
             "expected different names, found a, 8 views, a",

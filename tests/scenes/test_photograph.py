@@ -1,6 +1,7 @@
 """Pictures: what decoders refuse, turns, colour profiles."""
 
 import struct
+import warnings
 import zlib
 from pathlib import Path
 from typing import Any
@@ -24,11 +25,21 @@ def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
         open_picture(tmp_path / "size.ppm", upright=True)
 
 
+def test_colours_of_lab_are_told(tmp_path: Path) -> None:
+    Image.new("LAB", (3, 2)).save(tmp_path / "lab.tif")
+    with pytest.raises(InputError, match="lab.tif: expected red, green and blue, or grey, found the colours of CIE Lab"):
+        read_photograph(tmp_path / "lab.tif")
+
+
 def test_sizes_are_read_before_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files of some kilobytes that would fill the memory."""
-    Image.new("1", (9000, 9000)).save(tmp_path / "large.png")
-    with pytest.raises(InputError, match=r"large.png: expected at most 67108864 pixels \(8192 x 8192\), found 9000 x 9000"):
-        open_picture(tmp_path / "large.png", upright=True)
+    """Files of some kilobytes that would fill the memory; Pillow, too, warns of the second."""
+    for side in (9000, 13000):
+        Image.new("1", (side, side)).save(tmp_path / "large.png")
+        with (
+            warnings.catch_warnings(action="error"),
+            pytest.raises(InputError, match=rf"large.png: expected at most 67108864 pixels \(8192 x 8192\), found {side} x {side}"),
+        ):
+            open_picture(tmp_path / "large.png", upright=True)
     monkeypatch.setattr(photograph, "MAX_PIXELS", 1000)
     np.savez_compressed(tmp_path / "large.npz", matrix=np.zeros(4001))
     with pytest.raises(InputError, match="large.npz: expected arrays of at most 4000 numbers, found one of "):

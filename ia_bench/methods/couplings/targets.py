@@ -99,7 +99,7 @@ class Targets(WeightedCoupling):
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of all values of each view, (V,): ``mean``, ``spread`` (mean absolute deviation), ``side`` (mean sign of the deviations).
+    """What views' values have, (V,): ``mean``, ``spread`` (mean absolute deviation), ``side`` (mean sign of the deviations).
 
     All are 0 for a view without pixels.
     """
@@ -110,7 +110,7 @@ class Statistics:
 
     @classmethod
     def of(cls, values: Tensor, view: Tensor, views: int) -> Statistics:
-        """Of values (P, 3) in views (P,)."""
+        """The statistics of values (P, 3) in views (P,)."""
         mean = per_view(values, view, views)
         deviations = values - mean[view][:, None]
         return cls(mean, per_view(deviations.abs(), view, views), per_view(deviations.sign(), view, views))

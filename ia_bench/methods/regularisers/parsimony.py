@@ -30,7 +30,7 @@ ROUGHNESS = 0.2
 REACH = 0.15
 """Bandwidth of the place, as a fraction of the diagonal of the box around all places."""
 PARTNERS = 2048
-"""Of each place, drawn among all."""
+"""How many partners each place has, drawn among all."""
 PLACES = 2**18
 """At most, drawn among all: large photographs show each texel in many pixels."""
 BATCH = 256

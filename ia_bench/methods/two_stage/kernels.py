@@ -19,7 +19,7 @@ def differences(
     totals: wp.array(dtype=float),
     gradient: wp.array(dtype=float),
 ):
-    """Of a pixel's two pairs: ``price`` times similarity times the sum over channels of the absolute difference; its gradient."""
+    """The loss of a pixel's two pairs, ``price`` times similarity times the sum of absolute differences; its gradient."""
     n = first + wp.tid()
     here = int(pixels[n])
     total = float(0.0)

@@ -27,7 +27,7 @@ ITERATIONS = 5
 PIXELS = 2**18
 """At most, drawn among all: large photographs show each texel in many."""
 SAMPLES = 0.5
-"""Of a pixel, as a share of those of a step: with these and ITERATIONS five sixths of the gain cost two thirds of the seconds."""
+"""Samples a pixel, as a share of a step's: with these and ITERATIONS five sixths of the gain cost two thirds of the seconds."""
 
 
 def solved_albedo(

@@ -20,6 +20,7 @@ from ia_bench.methods.two_stage.kernels import differences
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.prior import PriorLoss
 from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.render.gbuffer import PIXELS_AT_ONCE
 from ia_bench.render.renderer import PixelRadiance, samples_taken
 from ia_bench.scenes.color import tone_map
 
@@ -172,27 +173,31 @@ def neighbouring_pixels(problem: Problem, images: Tensor, scale: float) -> Pixel
     """
     gbuffer, surface = problem.gbuffer, problem.renderer.surface
     _, height, width = gbuffer.shape
-    first = (gbuffer.face >= 0).int().argmax(1)
-    rows = torch.arange(len(first), device=first.device)
-    points = surface(gbuffer.face[rows, first].long(), gbuffer.barycentric[rows, first], gbuffer.seen_from())
+    rows = torch.arange(len(gbuffer.pixel), device=gbuffer.pixel.device)
+    position, normal, uv = (torch.empty(len(rows), channels, device=rows.device) for channels in (3, 3, 2))
+    index, similarity = rows.new_empty(len(rows), 2), position.new_empty(len(rows), 2)
+    for some, *kept in zip(*(each.split(PIXELS_AT_ONCE) for each in (rows, position, normal, uv)), strict=True):
+        first = (gbuffer.face[some] >= 0).int().argmax(1)
+        points = surface(gbuffer.face[some, first].long(), gbuffer.barycentric[some, first], gbuffer.seen_from(some))
+        for into, values in zip(kept, (points.position, points.normal, points.uv), strict=True):
+            into[:] = values
     entry = gbuffer.entry_of_pixel()
-    column, row = gbuffer.pixel % width, gbuffer.pixel // width % height
     log_radiance = torch.log(images.mean(-1) + 1e-3 * images.mean().clamp_min(1e-12))
     spacing = None
-    index, similarity = [], []
-    for inside, step in ((column < width - 1, 1), (row < height - 1, width)):
+    insides = gbuffer.pixel % width < width - 1, gbuffer.pixel // width % height < height - 1
+    for side, (inside, step) in enumerate(zip(insides, (1, width), strict=True)):
         other = torch.where(inside, entry[(gbuffer.pixel + step).clamp(max=len(entry) - 1)], -1)
         other = torch.where(other < 0, rows, other)
-        distance = (points.position - points.position[other]).norm(dim=-1)
+        distance = (position - position[other]).norm(dim=-1)
         if spacing is None:
             real = distance[other != rows]
             spacing = real.median() if len(real) else distance.new_tensor(1.0)
         same = (other != rows) & (distance < 4 * spacing)
-        same &= (points.normal * points.normal[other]).sum(-1) > 0.8
+        same &= (normal * normal[other]).sum(-1) > 0.8
         change = (log_radiance - log_radiance[other]) / scale
-        index.append(torch.where(same, other, rows))
-        similarity.append(torch.where(same, torch.exp(-change * change), torch.zeros_like(change)))
-    return PixelPairs(torch.stack(index, 1), torch.stack(similarity, 1), points.uv)
+        index[:, side] = torch.where(same, other, rows)
+        similarity[:, side] = torch.where(same, torch.exp(-change * change), torch.zeros_like(change))
+    return PixelPairs(index, similarity, uv)
 
 
 def smoothness(texture: Tensor, pairs: PixelPairs, pixels: Tensor) -> Tensor:

@@ -27,7 +27,7 @@ HELD_OUT, FEWEST = 3, 6
 """Every so many-th photograph is held out, where there are at least so many."""
 SHORT = FitSettings(stage1_steps=80, stage2_steps=0, pixels=1024)
 SAMPLES, TEXTURE, LIGHT_HEIGHT = 16, 128, 16
-"""Of the short fits: a pixel's samples, and the most of texels and rows of the light."""
+"""The short fits' samples of a pixel, and their most texels and rows of the light."""
 JUDGED_PIXELS, JUDGED_SAMPLES = 8192, 64
 
 

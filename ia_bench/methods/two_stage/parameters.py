@@ -12,6 +12,7 @@ from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.steps import MultigridSteps, ScaleAmbiguityStep
+from ia_bench.render.gbuffer import PIXELS_AT_ONCE
 
 LEAST = {"albedo": 0.0, "roughness": MIN_ROUGHNESS, "metallic": 0.0}
 """The least value of each texture; the largest is 1."""
@@ -35,9 +36,7 @@ class Parameters:
 
     def __init__(self, problem: Problem, settings: FitSettings) -> None:
         plan, t, device = problem.plan, problem.plan.texture, problem.device
-        hit = (problem.gbuffer.face >= 0) & ~problem.photographs.left_out[:, None]
-        seen = problem.renderer.surface.uv(problem.gbuffer.face[hit].long(), problem.gbuffer.barycentric[hit])
-        self.observed = splat(seen, torch.zeros(len(seen), 0, device=device), t)[1] > 0
+        self.observed = observed_texels(problem)
         self.tensors = {
             "albedo": torch.full((t, t, 3), settings.albedo_initial, device=device),
             "roughness": torch.full((t, t, 1), settings.roughness_initial, device=device),
@@ -137,3 +136,15 @@ class Parameters:
         """What a checkpoint must keep beside the tensors: what the optimisers remember."""
         parts = {"multigrid": self.multigrid.optimizer, "scale_ambiguity": self.scale_ambiguity.optimizer}
         return {"texels": self.optimizer, **parts}
+
+
+def observed_texels(problem: Problem) -> Tensor:
+    """(T, T) bool, the texels that some training view sees, in a pixel that its mask does not leave out."""
+    gbuffer, size = problem.gbuffer, problem.plan.texture
+    observed = torch.zeros(size, size, dtype=torch.bool, device=problem.device)
+    parts = (gbuffer.face, gbuffer.barycentric, problem.photographs.left_out)
+    for face, barycentric, left_out in zip(*(each.split(PIXELS_AT_ONCE) for each in parts), strict=True):
+        hit = (face >= 0) & ~left_out[:, None]
+        seen = problem.renderer.surface.uv(face[hit].long(), barycentric[hit])
+        observed |= splat(seen, seen.new_zeros(len(seen), 0), size)[1] > 0
+    return observed

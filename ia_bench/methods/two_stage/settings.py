@@ -19,10 +19,10 @@ class LossWeights:
     """Weights of the paper's equation 5: lambda_1 image, lambda_4 smoothness; lambda_2 and lambda_3 are ``coupling.options``.
 
     Attributes:
-        image: Of the rendered image's difference from the photograph.
-        smooth_albedo: Of differences of albedo between neighbours that look alike.
-        smooth_roughness: Of differences of roughness, and of metallic, likewise.
-        smooth_light: Of the total variation of the light's log radiance (``losses.total_variation``).
+        image: The weight of the rendered image's difference from the photograph.
+        smooth_albedo: The weight of differences of albedo between neighbours that look alike.
+        smooth_roughness: The weight of differences of roughness, and of metallic, likewise.
+        smooth_light: The weight of the total variation of the light's log radiance (``losses.total_variation``).
         smooth_light_final: What ``smooth_light`` falls to over the run, exponentially, as a fraction. It holds down the noise of
             steps, of which there is less as rates fall; what is more than that pulls lamps and dim surroundings together.
     """
@@ -41,7 +41,7 @@ class LearningRates:
     Attributes:
         albedo, roughness, metallic: In units of albedo, which is in [0, 1].
         light: In units of log radiance.
-        scale_ambiguity: Of the log factor per channel that light and albedo exchange; 0 leaves that step out.
+        scale_ambiguity: The rate of the log factor per channel that light and albedo exchange; 0 leaves that step out.
         final: Share of every rate that is left at the end.
     """
 
@@ -71,9 +71,9 @@ class FitSettings:
         stage1_steps: Steps with samples of the prior.
         stage2_steps: Steps with samples that were drawn toward the render after stage 1.
         pixels: In every step.
-        weights: Of the parts of the loss.
-        rates: Of the optimiser.
-        multigrid_rates: Of its steps at coarser scales; they fall as the others do.
+        weights: The weights of the parts of the loss.
+        rates: The rates of the optimiser.
+        multigrid_rates: The rates of its steps at coarser scales; they fall as the others do.
         guided: Whether stage 2 draws samples again, with the current renders as guidance; else it goes on with stage 1's.
         image_loss: "dual_buffer": each half of a pixel's samples weighed by the residual of the other half
             (``losses.dual_buffer_loss``: noise pulls nowhere). "l1" of tone-mapped radiance, value and gradient from the same

@@ -33,7 +33,7 @@ class DiffusionPrior(LearnedPrior):
     Its cost counts guided estimates, those whose step was cut, and images that were predicted in patches.
 
     Attributes:
-        steps, eta: Of the sampler (DDIM 0 ... ancestral 1).
+        steps, eta: The steps and the eta of the sampler (DDIM 0 ... ancestral 1).
         patches: Predict the image in overlapping native-size patches at full resolution (the paper's equation 6) instead of
             reducing it to the native size; "auto": images that would be reduced more than 3 times.
         guidance_rule, guidance_norm, guidance_strength, prior_variance: How stage 2's samples are drawn toward the current

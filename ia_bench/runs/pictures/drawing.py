@@ -18,7 +18,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
-from ia_bench.render.stage import Stage
+from ia_bench.render.stage import Stage, camera_key
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.images import Images, display, straight
 from ia_bench.scenes.scene import Scene, Truth, View
@@ -29,7 +29,7 @@ MAP_POINTS = 2
 TURNS = 16  # pictures of a light that goes round the object once
 VIEW_STRIDE, RELIT_STRIDE = 2, 4  # of the novel views, every second is shown under the training light, every fourth under others
 FITTED = 6  # training views that stand for a scene that holds none out
-VERSION = 3
+VERSION = 4
 """Part of what a drawing is known by; raised when a change of the code changes pictures of unchanged runs."""
 
 GREY = 0.5  # behind objects, display-encoded: white paint and sails are seen on it, and black ones
@@ -165,7 +165,7 @@ class SceneRenderer:
 
     def _drawn(self, found: TexturedReconstruction, scale: torch.Tensor, scored: Predictions) -> Predictions:
         maps: dict[str, Images | None] = {"albedo": scored.albedo, "roughness": scored.roughness}
-        same = [view.name for view in self.test] == [view.name for view in self.scene.test]
+        same = [camera_key(view.camera) for view in self.test] == [camera_key(view.camera) for view in self.scene.test]
         lacking = [name for name, of in maps.items() if of is None or not same or len(of) != len(self.test)]
         if lacking:
             maps |= found.maps([view.camera for view in self.test], lacking, points=MAP_POINTS)

@@ -47,15 +47,22 @@ def test_bars_are_the_share_of_the_headroom(folders: list[Path]) -> None:
 
 
 def test_bars_are_explained_where_there_are_some_and_seconds_rank_where_they_compare(write_run: Write, tmp_path: Path) -> None:
-    rows = [write_run("ours", "hat", seed, environment={"cpu": "Abacus 2", "threads": 1}) for seed in (0, 1)]
+    """They do for runs of one machine that is known to have been idle."""
+    rows = [write_run("ours", "hat", seed, environment={"cpu": "Abacus 2", "threads": 1}, load=1.0) for seed in (0, 1)]
     bounds = [write_run(row, "hat", environment={"cpu": "Abacus 3"}) for row in ("ceiling", "constant")]
-    alike, mixed = (
+    unknown = [write_run("ours", "hat", 2, environment={"cpu": "Abacus 2", "threads": 1})]
+    alike, mixed, busy = (
         write_page(analyse(collect(folders)), "t", tmp_path / str(len(folders))).read_text(encoding="utf-8")
-        for folders in (rows, rows + bounds)
+        for folders in (rows, rows + bounds, rows + unknown)
     )
     assert ["The bar behind a number" in text for text in (alike, mixed)] == [False, True]
-    assert ['data-sort="seconds"' in text for text in (alike, mixed)] == [True, False]
-    assert ["and rank nothing" in text for text in (alike, mixed)] == [False, True]
+    assert ['data-sort="seconds"' in text for text in (alike, mixed, busy)] == [True, False, False]
+    assert ["Seconds rank nothing: runs are of different processors" in text for text in (alike, mixed, busy)] == [
+        False,
+        True,
+        False,
+    ]
+    assert ["no load was recorded" in text for text in (alike, mixed, busy)] == [False, True, True]
     assert ["stand side by side" in text for text in (alike, mixed)] == [False, True]
 
 
