@@ -21,6 +21,7 @@ from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBase
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError, unknown
+from ia_bench.common.files import shown
 from ia_bench.common.paths import conf_folder
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.config import RunConfig, resolved
@@ -93,7 +94,7 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
     given, parts = tuple(overrides), [text.partition("=") for text in overrides]
     chosen = {key: value.strip("'\" ") for key, _, value in parts}
     overrides = [f"++{text}" if text.startswith(OPTIONS) else text for text in overrides]  # keys that no file needs to have
-    overrides = [re.sub(r"^([+~]?\w+(?:@\w+)?)=\s*([\w.+-]+|\[.*)\s*$", _group_by_name, text) for text in overrides]
+    overrides = [re.sub(r"^([+~]?(\w+)(?:@\w+)?)=\s*(.*?)\s*$", _group_by_name, text, flags=re.DOTALL) for text in overrides]
     if ("scene.path" in chosen or chosen.get("reader", "native") != "native") and "scene.name" not in chosen:
         overrides.append("scene.name=''")  # which is then what its reader calls it, and no shipped scene
     register(chosen)
@@ -116,14 +117,14 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
 def _group_by_name(setting: re.Match[str]) -> str:
     """``GROUP=VALUE`` with a text as the value: a number or null names no file, which Hydra then says in its own words.
 
-    Raises InputError for a list, of which Hydra would take the last one.
+    Raises InputError for a list, of which Hydra would take the last one, and for what no file can be called.
     """
-    group, value = setting.groups()
-    if not (conf_folder() / (key := group.lstrip("+~").partition("@")[0])).is_dir():
+    group, key, value = setting.groups()
+    if not (conf_folder() / key).is_dir():
         return setting[0]
-    if value.startswith("["):
-        raise InputError(f"{key}: expected one name, found {value}")
-    return f"{group}='{value}'"
+    if re.fullmatch(r"\[.*\]", value) or not value.isprintable():
+        raise InputError(f"{key}: expected one name, found {shown(value)}")
+    return f"{group}='{value}'" if re.fullmatch(r"[\w.+-]+", value) else setting[0]
 
 
 def explain(error: Exception) -> str:

@@ -42,6 +42,7 @@ NUMBERS = {"prior": 1.5, "scene": -1, "coupling": -1, "protocol": "-0", "method"
         ("~protocol=-1", "Could not delete 'protocol=-1'"),
         ("prior=[none,oracle]", "prior: expected one name, found [none,oracle]"),
         ("+coupling=[1,2]", "coupling: expected one name, found [1,2]"),
+        ("scene='\ud800'", r"scene: expected one name, found '\ud800'"),
         ("prior=./mine/foo.py:Bar", "found a path: PYTHONPATH=mine makes it prior=foo:Bar"),
         ("prior=nowhere:Thing", "importing nowhere:Thing raised ModuleNotFoundError: No module named 'nowhere'"),
     ],
