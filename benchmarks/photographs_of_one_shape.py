@@ -46,22 +46,22 @@ def measured(view: View, train: list[View], stage: Stage, recovered: TexturedRec
     hit = gbuffer.face[:, 0] >= 0
     points = stage.surface(gbuffer.face[hit, 0].long(), gbuffer.barycentric[hit, 0], gbuffer.seen_from(hit))
     seen = sees([other.camera for other in train], points.position, points.geometric, stage.rays, stage.surface.offset)
-    colours, angles = torch.zeros(len(points.position), len(train), 3), torch.full(seen.shape, -2.0)
+    colours, cosines = torch.zeros(len(points.position), len(train), 3), torch.full(seen.shape, -2.0)
     for place, other in enumerate(train):
         picture = np.concatenate([other.image, other.mask[..., None]], -1)
         found = looked_up(other.camera, torch.from_numpy(picture).float().permute(2, 0, 1), points.position)[0].T
         toward = points.position.new_tensor(other.camera.position) - points.position
         cosine = (toward / toward.norm(dim=1, keepdim=True) * points.view).sum(1)
         usable = seen[:, place] & (found[:, 3] > WHOLE)
-        colours[:, place], angles[:, place] = found[:, :3], torch.where(usable, cosine, -2.0)
+        colours[:, place], cosines[:, place] = found[:, :3], torch.where(usable, cosine, -2.0)
 
     def mean_of(count: int) -> np.ndarray:
-        best = angles.topk(min(count, len(train)), 1)
+        best = cosines.topk(min(count, len(train)), 1)
         weight = (best.values > -2).float()[..., None]
         return ((colours.gather(1, best.indices[..., None].expand(-1, -1, 3)) * weight).sum(1) / weight.sum(1).clamp_min(1)).numpy()
 
     pixel = gbuffer.pixel[hit].numpy()
-    known = (angles > -2).any(1).numpy() & (view.mask.reshape(-1)[pixel] > WHOLE)
+    known = (cosines > -2).any(1).numpy() & (view.mask.reshape(-1)[pixel] > WHOLE)
     photograph = view.image / (view.exposure or 1) / white
     shown = photograph.reshape(-1, 3)[pixel][known]
     drawn = recovered.render([view.camera], light=None, albedo_scale=None, quality=Quality(2, 64))

@@ -90,14 +90,10 @@ def surface_from_images(
         return starts[0]
     if turns is not None:  # what lies still under such a light is not alike from view to view: what stereo found may mislead
         starts.append(hull)
-    pixels, exposures, least = (
-        pixels_of(views, hull, normals),
-        len(views) if exposures_differ else 0,
-        hull.values / hull.step - BEYOND,
-    )
+    pixels, least = pixels_of(views, hull, normals), hull.values / hull.step - BEYOND
 
     def refined(start: DistanceGrid, steps: int, moving: MovingPhotographs | None) -> tuple[Tensor, float]:
-        fit = _Fit(pixels, exposures, moving, turns, seed)
+        fit = _Fit(pixels, len(views) if exposures_differ else 0, moving, turns, seed)
         return fit.refined(start.values / hull.step, least, begin("surface from images", steps))
 
     torch.set_flush_denormal(True)  # features that no ray meets decay to numbers that are slow to compute with
