@@ -35,7 +35,7 @@ PHASES = {
     "ia_bench.methods.two_stage.losses:neighbouring_pixels": "neighbours",
     "ia_bench.methods.two_stage.fit:start_albedo": "start",
     "ia_bench.methods.two_stage.fit:start_light": "start",
-    "ia_bench.methods.two_stage.fit:Fit._step": FIRST_STEP,
+    "ia_bench.methods.two_stage.fit:TwoStageFit._step": FIRST_STEP,
 }
 PACKAGES = ("torch", "warp", "trimesh", "scipy", "hydra")
 

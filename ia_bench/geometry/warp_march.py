@@ -18,7 +18,7 @@ _FAR = wp.constant(6.0)  # widths from the surface beyond which the logistic fun
 
 
 @wp.struct
-class Taps:
+class GridTaps:
     """The cell of a point and where in it the point is."""
 
     cell: wp.vec3i
@@ -28,7 +28,7 @@ class Taps:
 @wp.func
 def taps_at(point: wp.vec3, values: wp.array3d(dtype=float)):
     """The cell of a point, the nearest one for a point outside of the grid."""
-    taps = Taps()
+    taps = GridTaps()
     for axis in range(3):
         count = values.shape[axis]
         along = wp.clamp(point[axis], 0.0, float(count - 1) - 1.0e-4)
@@ -38,7 +38,7 @@ def taps_at(point: wp.vec3, values: wp.array3d(dtype=float)):
 
 
 @wp.func
-def value_at(values: wp.array3d(dtype=float), t: Taps):
+def value_at(values: wp.array3d(dtype=float), t: GridTaps):
     """Trilinear."""
     x = t.cell[0]
     y = t.cell[1]
@@ -51,7 +51,7 @@ def value_at(values: wp.array3d(dtype=float), t: Taps):
 
 
 @wp.func
-def weight_of(t: Taps, i: int, j: int, k: int):
+def weight_of(t: GridTaps, i: int, j: int, k: int):
     """What the corner (i, j, k) of the cell, of zeros and ones, has of the point."""
     x = wp.where(i == 1, t.place[0], 1.0 - t.place[0])
     y = wp.where(j == 1, t.place[1], 1.0 - t.place[1])
@@ -59,7 +59,7 @@ def weight_of(t: Taps, i: int, j: int, k: int):
 
 
 @wp.func
-def add_value(values: wp.array3d(dtype=float), t: Taps, amount: float):
+def add_value(values: wp.array3d(dtype=float), t: GridTaps, amount: float):
     """The adjoint of :func:`value_at`."""
     for i in range(2):
         for j in range(2):
@@ -68,7 +68,7 @@ def add_value(values: wp.array3d(dtype=float), t: Taps, amount: float):
 
 
 @wp.func
-def features_at(features: wp.array3d(dtype=vec8), t: Taps):
+def features_at(features: wp.array3d(dtype=vec8), t: GridTaps):
     """Trilinear."""
     total = vec8()
     for i in range(2):
@@ -79,7 +79,7 @@ def features_at(features: wp.array3d(dtype=vec8), t: Taps):
 
 
 @wp.func
-def add_features(features: wp.array3d(dtype=vec8), t: Taps, amount: vec8):
+def add_features(features: wp.array3d(dtype=vec8), t: GridTaps, amount: vec8):
     """The adjoint of :func:`features_at`."""
     for i in range(2):
         for j in range(2):

@@ -78,8 +78,9 @@ class Collection:
 def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: Iterable[Record] = ()) -> Collection:
     """Read the given run folders. A mapping says which cell each folder is for: its row may have been renamed since.
 
-    None in its place: the folder's own record says so. ``published``: runs of former reports, which stand beside them.
-    Raises InputError where the same row, scene and seed are there twice: neither would be the right one to show.
+    None in its place: the folder's own record says so. ``published``: runs of former reports, which stand beside them; where the
+    folder of one is there, too, it has what was published as its numbers, and of the folder its curve, configuration and pictures.
+    Raises InputError where two runs of the same row, scene and seed are there: neither would be the right one to show.
     """
     records, unreadable = [], []
     for folder in folders:
@@ -91,16 +92,24 @@ def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: 
             records.append(record)
         else:
             unreadable.append(record["problem"])
-    places: dict[CellKey, Path] = {}
+    cells: dict[CellKey, Record] = {}
     for record in (*records, *published):
         cell = record["row"], record["scene"], record["seed"]
-        if cell in places:
+        other = cells.setdefault(cell, record)
+        if _publishes(record, other):
+            other |= record | {"folder": other["folder"]}
+        elif other is not record:
+            found = f"row {cell[0]}, scene {cell[1]}, seed {cell[2]} is in {other['folder']} and in {record['folder']}"
             raise InputError(
-                f"row {cell[0]}, scene {cell[1]}, seed {cell[2]} is in {places[cell]} and in {record['folder']}: expected one run "
-                "per cell; list the folders of one table only, or run the new row under another name with row=NAME"
+                f"{found}: expected one run per cell; list the folders of one table only, or run the new row under another name "
+                "with row=NAME"
             )
-        places[cell] = record["folder"]
-    return Collection(as_table([*records, *published]), tuple(unreadable))
+    return Collection(as_table(cells.values()), tuple(unreadable))
+
+
+def _publishes(line: Record, run: Record) -> bool:
+    """Whether a runs.csv's ``line`` is of the ``run`` of a folder: then its numbers count, and the folder has pictures of them."""
+    return "record" in run and "record" not in line and run["config_hash"] == line["config_hash"]
 
 
 def as_table(records: Iterable[Record]) -> Runs:

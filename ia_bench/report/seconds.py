@@ -37,7 +37,7 @@ BEYOND = ">"
 
 
 @dataclass(frozen=True)
-class Compared:
+class AtEqualSeconds:
     """A row in one metric: its ``gain`` over the reference, the ``equal`` one at equal seconds, both positive where it is better.
 
     ``beyond``: whether it takes longer than the whole curve; ``judged``: whether the gain at equal seconds may be called decided,
@@ -80,7 +80,7 @@ class Clock:
         """The name of a row without its capture."""
         return row.removesuffix(f", {self.capture}") if self.capture else row
 
-    def compared(self, scores: ScoresByCell, metric: Metric) -> dict[str, Compared]:
+    def compared(self, scores: ScoresByCell, metric: Metric) -> dict[str, AtEqualSeconds]:
         """Row -> what it is beside the reference.
 
         At equal seconds those scenes and seeds count that the row and every row of the curve have; none for a row whose seconds do
@@ -99,7 +99,7 @@ class Clock:
             mean = float(own.scenes.mean()) + sign * float(gain.scenes.mean()) if whole else None
             beyond = cost is not None and cost > self.costs[self.curve[-1]]
             judged = not beyond and row not in self.curve and pairs.pairs.keys() >= own.pairs.keys()
-            found[row] = Compared(gain, pairs, beyond, judged, mean)
+            found[row] = AtEqualSeconds(gain, pairs, beyond, judged, mean)
         ranked = {row: sign * one.score for row, one in found.items() if one.score is not None}
         ordered = sorted(ranked, key=lambda row: (self.costs[row], -ranked[row]))
         front = [row for place, row in enumerate(ordered) if all(ranked[row] > ranked[one] for one in ordered[:place])]
@@ -118,13 +118,13 @@ class Timing:
     unequal: str
     clocks: tuple[Clock, ...]
 
-    def compared(self, metric: Metric) -> dict[str, Compared]:
+    def compared(self, metric: Metric) -> dict[str, AtEqualSeconds]:
         """Row -> what it is beside its reference, capture after capture."""
         scores = side_by_side(self.runs, metric.column)
         return {row: one for clock in self.clocks for row, one in clock.compared(scores, metric).items()}
 
     @cached_property
-    def gains(self) -> dict[Metric, dict[str, Compared]]:
+    def gains(self) -> dict[Metric, dict[str, AtEqualSeconds]]:
         """The same in each of WORTH_METRICS."""
         return {metric: self.compared(metric) for metric in WORTH_METRICS}
 

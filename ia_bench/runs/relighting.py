@@ -49,7 +49,7 @@ ENCODER = "ffmpeg"
 
 
 @dataclass(frozen=True)
-class Frame:
+class RelitView:
     """One picture: seen by ``camera``, with the light turned by ``turn`` radians about z, counter-clockwise from above."""
 
     camera: Camera
@@ -86,7 +86,7 @@ def of_asset(path: Path, device: torch.device, note: Callable[[str], None], up: 
     return found
 
 
-def frames_of(views: str, turn: int, mesh: Mesh, scene: Scene | None, size: int) -> list[Frame]:
+def frames_of(views: str, turn: int, mesh: Mesh, scene: Scene | None, size: int) -> list[RelitView]:
     """The pictures to draw, ``size`` pixels high.
 
     ``views``: STILL or the name of a view of the scene, "0001" or "test/0001", with a light that turns once in ``turn`` steps;
@@ -95,9 +95,9 @@ def frames_of(views: str, turn: int, mesh: Mesh, scene: Scene | None, size: int)
     """
     turns = [2 * math.pi * step / turn for step in range(turn)]
     if views == ORBIT:  # the object stands, and camera and light go round it
-        return [Frame(_around(mesh, angle, size), angle) for angle in turns]
+        return [RelitView(_around(mesh, angle, size), angle) for angle in turns]
     if views == STILL:
-        return [Frame(_around(mesh, 0.0, size), angle) for angle in turns]
+        return [RelitView(_around(mesh, 0.0, size), angle) for angle in turns]
     if scene is None:
         raise InputError(f"views: expected {STILL} or {ORBIT} of an asset, which has no photographs, found {views}")
     if views == TEST:
@@ -105,20 +105,20 @@ def frames_of(views: str, turn: int, mesh: Mesh, scene: Scene | None, size: int)
             raise InputError(f"{scene.source}: expected held-out views for views={TEST}, found none")
         if turn > 1:
             raise InputError(f"turn: expected none with views={TEST}, found {turn}")
-        return [Frame(_sized(view.camera, size)) for view in scene.test]
+        return [RelitView(_sized(view.camera, size)) for view in scene.test]
     known = {f"{split}/{view.name}": view for split in SPLITS for view in getattr(scene, split)}
     found = {name: view.camera for name, view in known.items() if views in (name, view.name)}
     if not found:
         raise InputError(f"views: {unknown('view', views, [STILL, ORBIT, TEST, *known])}")
     if len({camera_key(camera) for camera in found.values()}) > 1:
         raise InputError(f"views: expected one of {', '.join(found)}, found {views}, which is the name of several cameras")
-    return [Frame(_sized(camera, size), angle) for camera in [*found.values()][:1] for angle in turns]
+    return [RelitView(_sized(camera, size), angle) for camera in [*found.values()][:1] for angle in turns]
 
 
 def draw(
     found: TexturedReconstruction,
     light: np.ndarray,
-    frames: Sequence[Frame],
+    frames: Sequence[RelitView],
     *,
     background: Background = "transparent",
     ev: float | None = None,
@@ -187,7 +187,7 @@ def expect_format(path: Path, background: Background, count: int) -> None:
 
 
 def _shown(
-    image: np.ndarray, coverage: np.ndarray, frame: Frame, light: np.ndarray, background: Background, gain: float
+    image: np.ndarray, coverage: np.ndarray, frame: RelitView, light: np.ndarray, background: Background, gain: float
 ) -> np.ndarray:
     """A premultiplied image (H, W, 3) as it is shown, (H, W, 4)."""
     alpha = coverage[..., None]
@@ -200,7 +200,7 @@ def _shown(
     return np.concatenate([shown, np.ones_like(alpha)], -1)
 
 
-def _behind(frame: Frame, light: np.ndarray) -> np.ndarray:
+def _behind(frame: RelitView, light: np.ndarray) -> np.ndarray:
     """The light (H, W, 3) that the camera sees behind the object, bilinear between texels."""
     camera, (height, width) = frame.camera, light.shape[:2]
     columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)

@@ -32,7 +32,7 @@ State = Literal["verified", "differs", "not scored again"]
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CheckedRun:
     """What was found of one run of a pack.
 
     Attributes:
@@ -48,17 +48,17 @@ class Verdict:
     says: tuple[str, ...]
 
 
-def verify(path: Path, scenes: Mapping[str, Path], rescorer: Rescorer, progress: Progress) -> list[Verdict]:
+def verify(path: Path, scenes: Mapping[str, Path], rescorer: Rescorer, progress: Progress) -> list[CheckedRun]:
     """A verdict on every run of the pack ``path``, scene by scene. Raises InputError for what is no pack, or a damaged one.
 
     ``scenes``: name of a scene -> its folder here, for those that are not shipped.
     """
     with tempfile.TemporaryDirectory() as place:
         runs = sorted(unpack(path, Path(place)).runs, key=lambda run: run.folder)
-        return [_verdict(run, Path(place), scenes, rescorer, progress) for run in runs]
+        return [_checked(run, Path(place), scenes, rescorer, progress) for run in runs]
 
 
-def _verdict(run: PackedRun, place: Path, scenes: Mapping[str, Path], rescorer: Rescorer, progress: Progress) -> Verdict:
+def _checked(run: PackedRun, place: Path, scenes: Mapping[str, Path], rescorer: Rescorer, progress: Progress) -> CheckedRun:
     said, name = problems(run, place), run.folder
     state: State = "not scored again"
     try:
@@ -76,7 +76,7 @@ def _verdict(run: PackedRun, place: Path, scenes: Mapping[str, Path], rescorer: 
     except Exception as error:  # what is read of a pack is somebody else's
         told = str(error) if isinstance(error, InputError | Fault) else raised(error)
         apart = () if said else (told.replace(f"{place}/", ""),)
-    return Verdict(run.folder, name, "differs" if said or (apart and state == "verified") else state, (*said, *apart))
+    return CheckedRun(run.folder, name, "differs" if said or (apart and state == "verified") else state, (*said, *apart))
 
 
 def differences(told: Mapping[str, Any], found: Mapping[str, Any]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from PIL import Image
 
 from ia_bench.cli.main import main
 from ia_bench.light.environment import LatLongEnvironment
-from ia_bench.runs.relighting import Frame, _around, _behind, _turned, frames_of
+from ia_bench.runs.relighting import RelitView, _around, _behind, _turned, frames_of
 from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.scene import Scene
 from tests.shapes import sphere
@@ -42,8 +42,8 @@ def relit(what: Path, light: Path | list[Path], out: Path, *more: str) -> int:
 
 def test_a_turned_light_is_seen_where_it_falls_from() -> None:
     camera = _around(sphere(), 0.3, 24)
-    turned = _behind(Frame(camera), _turned(side(), math.pi / 4))
-    np.testing.assert_allclose(_behind(Frame(camera, math.pi / 4), side()), turned, rtol=1e-5)
+    turned = _behind(RelitView(camera), _turned(side(), math.pi / 4))
+    np.testing.assert_allclose(_behind(RelitView(camera, math.pi / 4), side()), turned, rtol=1e-5)
     directions = torch.from_numpy(camera.rays(np.array([3.5]), np.array([5.5])))
     seen = LatLongEnvironment(torch.from_numpy(_turned(side(), math.pi / 4))).radiance(directions / directions.norm())
     np.testing.assert_allclose(turned[5, 3], seen[0].numpy(), atol=0.07)  # a texel, and what is between two

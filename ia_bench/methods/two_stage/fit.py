@@ -21,7 +21,7 @@ ROUNDING = 1e-6
 """A value so little out of its range is one that was rounded."""
 
 
-class Fit:
+class TwoStageFit:
     """State of one fit; :class:`ia_bench.methods.descent.Descent` is its loop."""
 
     def __init__(self, problem: Problem, settings: FitSettings, seed: int, monitor: Monitor) -> None:

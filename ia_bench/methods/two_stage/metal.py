@@ -16,7 +16,7 @@ from ia_bench.methods.contract import Problem
 from ia_bench.methods.monitor import Monitor
 from ia_bench.methods.photographs import one_sided, restrict
 from ia_bench.methods.plan import Decision
-from ia_bench.methods.two_stage.fit import Fit
+from ia_bench.methods.two_stage.fit import TwoStageFit
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.scenes.color import tone_map
 
@@ -45,7 +45,7 @@ def look_for_metal(problem: Problem) -> None:
     with problem.costs.exclude("bake"):
         judged = views[1::HELD_OUT]
         for name, metallic in (("decibels_without", False), ("decibels_with", True)):
-            fit = Fit(_part(problem, [view for view in views if view not in judged], metallic), SHORT, 0, Monitor.silent())
+            fit = TwoStageFit(_part(problem, [view for view in views if view not in judged], metallic), SHORT, 0, Monitor.silent())
             fit.descent.descend()
             measured[name] = _decibels(fit, _part(problem, judged, metallic))
     without, by_metal = measured.values()
@@ -67,7 +67,7 @@ def _part(problem: Problem, views: Sequence[int], metallic: bool) -> Problem:
 
 
 @torch.no_grad()
-def _decibels(fit: Fit, judged: Problem) -> float:
+def _decibels(fit: TwoStageFit, judged: Problem) -> float:
     """How well the fit meets the photographs of ``judged``."""
     photographs, generator = judged.photographs, torch.Generator(device=judged.device).manual_seed(0)
     entries = torch.nonzero(judged.gbuffer.filled & ~photographs.left_out)[:, 0]

@@ -44,11 +44,11 @@ class TwoStage:
                 is in the monitor's checkpoint.
             InputError: The prior cannot be used in the way that the problem's coupling or the settings say.
         """
-        from ia_bench.methods.two_stage.fit import Fit  # brings in torch, as the next one does
+        from ia_bench.methods.two_stage.fit import TwoStageFit  # brings in torch, as the next one does
         from ia_bench.methods.two_stage.metal import look_for_metal
 
         if problem.plan.metallic is None:
             look_for_metal(problem)
         with problem.costs.exclude("bake"):
-            fit = Fit(problem, self.options, seed, monitor)
+            fit = TwoStageFit(problem, self.options, seed, monitor)
         return fit.finish()

@@ -12,7 +12,7 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material, fetch
 from ia_bench.methods.contract import Monitor, PixelSamples, Problem
 from ia_bench.methods.plan import Decision
-from ia_bench.methods.two_stage.fit import Fit, start_albedo
+from ia_bench.methods.two_stage.fit import TwoStageFit, start_albedo
 from ia_bench.methods.two_stage.metal import FEWEST, GAIN, look_for_metal
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
@@ -76,7 +76,7 @@ def test_a_prior_that_was_asked_about_views_without_the_mesh_leaves_the_start_to
 
 def test_the_start_explains_the_mean_image(problem: Problem) -> None:
     """With one constant light and albedo; the light is grey, but for the colour that the coat does not have."""
-    made = Fit(altered(problem, prior=NoPrior()), SETTINGS, 0, Monitor.silent())
+    made = TwoStageFit(altered(problem, prior=NoPrior()), SETTINGS, 0, Monitor.silent())
     made._start()
     material, light = made.parameters.recovered(final=True)
     assert torch.equal(light, light[:1, :1].expand(16, 32, 3))

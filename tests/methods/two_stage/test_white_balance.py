@@ -12,7 +12,7 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.monitor import Monitor
-from ia_bench.methods.two_stage.fit import Fit
+from ia_bench.methods.two_stage.fit import TwoStageFit
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
 from ia_bench.scenes.scene import Scene
@@ -71,7 +71,7 @@ def test_a_fit_finds_factors_and_the_albedo_beside_them(scene: Scene, problem: P
     unaware = altered(coloured, scene=replace(coloured.scene, exposures_differ=False, white_balances_differ=False))
     errors = []
     for asked in (problem, coloured, unaware):
-        fit = Fit(asked, settings, 0, Monitor.silent())
+        fit = TwoStageFit(asked, settings, 0, Monitor.silent())
         fit.descent.descend()
         errors.append(albedo_error(problem, scene, fit.parameters.material(detached=True).albedo))
         if asked is coloured:
