@@ -16,9 +16,9 @@ from ia_bench.common.machine import cores
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, Number
-from ia_bench_training.compiler import compiles
 from ia_bench_training.pool import share_out
 from ia_bench_training.shards import SHARD_IMAGES, SHARDS, load_shard, read_info, shard_path
+from ia_bench_training.speed import compiles
 
 if TYPE_CHECKING:
     from ia_bench_training.shading import DirectLight

@@ -21,8 +21,6 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.network import MaterialNetwork, load_network
-from ia_bench.priors.inputs import use_bf16
-from ia_bench_training.compiler import compiles
 from ia_bench_training.dataset import Batch, TrainingImages, drawn_by
 from ia_bench_training.losses import log_error, weighted_error
 from ia_bench_training.optimiser import MuonAdamW, split_weights
@@ -37,6 +35,7 @@ from ia_bench_training.resuming import (
 )
 from ia_bench_training.saving import save_network
 from ia_bench_training.settings import TrainSettings
+from ia_bench_training.speed import compiles, trains_in_bf16
 from ia_bench_training.validation import score_single_view
 from ia_bench_training.world.images import WorldImages
 from ia_bench_training.world.layout import WORLD
@@ -55,7 +54,7 @@ def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    accelerator = Accelerator(mixed_precision="bf16" if use_bf16(settings.precision, device) else "no")
+    accelerator = Accelerator(mixed_precision="bf16" if trains_in_bf16(settings.precision, device) else "no")
     if settings.batch % accelerator.num_processes:
         raise InputError(f"batch: expected a multiple of the {accelerator.num_processes} processes, found {settings.batch}")
     main = accelerator.is_main_process

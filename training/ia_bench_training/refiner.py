@@ -18,7 +18,6 @@ from torch.nn import functional as F
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, NotNegative, Number, UnitInterval
-from ia_bench.priors.inputs import use_bf16
 from ia_bench.priors.refiner import RENDERS, RefinerConfig, RefinerNetwork, Seen, see
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench_training.fit_files import CHANNELS, fit_paths, load_fit
@@ -33,6 +32,7 @@ from ia_bench_training.resuming import (
     write_validation,
 )
 from ia_bench_training.saving import save_refiner
+from ia_bench_training.speed import trains_in_bf16
 
 FEW = 8
 """A fit with at most so many photographs counts as one of few, in the figures of validation."""
@@ -257,7 +257,7 @@ class _Training:
         hidden, others = split_weights(self.network, muon=settings.muon_rate > 0)
         adamw = torch.optim.AdamW(others, lr=settings.rate, weight_decay=settings.weight_decay, fused=True)
         self.optimizer = MuonAdamW(adamw, hidden, muon_rate=settings.muon_rate, weight_decay=settings.weight_decay)
-        self.bf16 = use_bf16("auto", torch.device("cpu"))
+        self.bf16 = trains_in_bf16("auto", torch.device("cpu"))
         self.figures: dict[str, float] = {}
 
     def step(self, number: int) -> float:

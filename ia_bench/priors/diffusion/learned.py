@@ -67,7 +67,7 @@ class LearnedPrior(ABC):
             weights that come with the package.
         geometry: Let the network see normals and visibility where a scene has them.
         batch: Images at a time, which changes no sample beyond rounding.
-        precision: float32, bf16, or auto (bf16 where it is fast).
+        precision: float32, bf16, or auto (bf16 on a GPU).
         device: auto, cpu or cuda; auto is CUDA where there is some, but the CPU in a run with device=cpu.
 
     Raises:
