@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 import warnings
 from collections.abc import Sequence
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     import trimesh
 
 READ = "2"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
+BORDER = 1 / 128  # of a material's rectangle among texture coordinates, on each side: textures of neighbours are interpolated, too
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
 
 
@@ -52,19 +54,49 @@ def _read_mesh(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     import trimesh
 
     loaded = parsed_by_trimesh(path)
-    stored = stored_normals(loaded) if isinstance(loaded, trimesh.Trimesh) else None
-    if isinstance(loaded, trimesh.Scene):  # a file of several parts, or a glTF
-        placed = placed_parts(loaded)
-        stored = joined_normals([len(part.vertices) for part, _, _ in placed], [normals for _, _, normals in placed])
-        try:
-            loaded = loaded.to_mesh()
-        except Exception as error:  # trimesh raises whatever it meets
-            raise _unreadable(path, error) from None
-    if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
+    placed = placed_parts(loaded) if isinstance(loaded, trimesh.Scene) else []  # a file of several parts, or a glTF
+    if isinstance(loaded, trimesh.Trimesh):
+        placed = [(loaded, np.eye(4), stored_normals(loaded))]
+    placed = [part for part in placed if len(part[0].faces)]
+    if not placed:
         raise InputError(f"{path}: expected triangles, found none")
-    texture_uv = getattr(loaded.visual, "uv", None)
-    mesh, notes = sound_mesh(path, loaded.vertices, loaded.faces, stored, texture_uv, uv=uv)
+    counts = [len(part.vertices) for part, _, _ in placed]
+    vertices = np.concatenate([
+        np.asarray(part.vertices) if (matrix == np.eye(4)).all() else trimesh.transform_points(part.vertices, matrix)
+        for part, matrix, _ in placed
+    ])  # fmt: skip
+    firsts = np.cumsum([0, *counts[:-1]])
+    faces = np.concatenate([wound(part.faces, matrix) + first for (part, matrix, _), first in zip(placed, firsts, strict=True)])
+    stored = joined_normals(counts, [normals for _, _, normals in placed])
+    texture_uv, materials = _joined_uv([part for part, _, _ in placed], path)
+    mesh, notes = sound_mesh(path, vertices, faces, stored, texture_uv, uv=uv)
+    if materials > 1 and uv == "mesh":
+        notes = (*notes, f"{path.name}: texture coordinates of {materials} materials are laid side by side")
     return _wound_outward(mesh, path, notes)
+
+
+def _joined_uv(parts: Sequence[trimesh.Trimesh], path: Path) -> tuple[np.ndarray | None, int]:
+    """The texture coordinates of all parts in one square, and of how many materials; None where a part has none.
+
+    Each material has coordinates of its own, so those of several lie side by side, in rectangles of one size whatever its texture:
+    here textures are recovered, and none is read. Coordinates beyond [0, 1] are for :func:`sound_mesh` to refuse.
+    """
+    found = [(np.asarray(uv, np.float64), part) for part in parts if (uv := getattr(part.visual, "uv", None)) is not None]
+    given = [uv for uv, part in found if len(uv) == len(part.vertices)]
+    if len(given) < len(parts):
+        return None, 0
+    materials = [getattr(part.visual, "material", None) for part in parts]
+    keys: list[object] = [(getattr(material, "name", None), hash(material)) for material in materials]
+    if path.suffix.lower() == ".obj":  # of which trimesh makes a part for each material, and drops its name if there is no MTL
+        keys = list(range(len(parts)))
+    places = {key: place for place, key in enumerate(dict.fromkeys(keys))}
+    if len(places) == 1 or not all(((uv >= -1e-6) & (uv <= 1 + 1e-6)).all() for uv in given):
+        return np.concatenate(given), 1
+    columns = math.ceil(math.sqrt(len(places)))
+    rows = math.ceil(len(places) / columns)
+    corners = [np.array(divmod(places[key], columns)[::-1]) for key in keys]
+    laid = [(corner + BORDER + (1 - 2 * BORDER) * uv) / (columns, rows) for corner, uv in zip(corners, given, strict=True)]
+    return np.concatenate(laid), len(places)
 
 
 def _wound_outward(mesh: Mesh, path: Path, notes: tuple[str, ...]) -> tuple[Mesh, tuple[str, ...]]:
@@ -182,7 +214,7 @@ def stored_normals(part: trimesh.Trimesh) -> np.ndarray | None:
 
 
 def placed_parts(parts: trimesh.Scene) -> list[tuple[trimesh.Trimesh, np.ndarray, np.ndarray | None]]:
-    """Every mesh of a file, in the order of ``to_mesh``, with the matrix (4, 4) that places it, and its stored normals (V, 3).
+    """Every mesh of a file, with the matrix (4, 4) that places it, and its stored normals (V, 3).
 
     Those are placed, too; None for a part without normals: trimesh itself drops the normals of parts that it moves.
     """
@@ -196,6 +228,11 @@ def placed_parts(parts: trimesh.Scene) -> list[tuple[trimesh.Trimesh, np.ndarray
             stored = stored_normals(part)
             found.append((part, matrix, None if stored is None else turned_normals(stored, matrix)))
     return found
+
+
+def wound(faces: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """The faces with the order of their corners turned round where a matrix mirrors them."""
+    return np.asarray(faces)[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else np.asarray(faces)
 
 
 def turned_normals(normals: np.ndarray, matrix: np.ndarray) -> np.ndarray:

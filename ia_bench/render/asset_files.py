@@ -19,10 +19,10 @@ import torch
 from PIL import Image
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.mesh import joined_normals, sound_mesh, turned_normals, unwrap
+from ia_bench.geometry.mesh import joined_normals, sound_mesh, turned_normals, unwrap, wound
 from ia_bench.light.environment import turned
 from ia_bench.material.textures import fetch
-from ia_bench.render.asset_parts import OUTSIDE, Note, Part, Surface, read_parts, wound
+from ia_bench.render.asset_parts import OUTSIDE, Note, Part, Surface, read_parts
 from ia_bench.render.indirect import Atlas
 from ia_bench.render.reconstruction import Assets
 from ia_bench.scenes.color import linear_to_srgb

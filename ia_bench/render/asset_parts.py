@@ -25,7 +25,7 @@ from PIL import Image
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, is_file, read_json, shown
-from ia_bench.geometry.mesh import named_by_gltf, parsed_by_trimesh, placed_parts, stored_normals
+from ia_bench.geometry.mesh import named_by_gltf, parsed_by_trimesh, placed_parts, stored_normals, wound
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import expect_size_to_read, read_exr
 from ia_bench.scenes.photograph import picture_values, read_values
@@ -83,11 +83,6 @@ def asset_files(path: Path) -> list[Path]:
     except (InputError, OSError, TypeError, AttributeError, ValueError):  # told when it is read
         return [path]
     return [path, *named_by_gltf(path, "buffers", "images")]
-
-
-def wound(faces: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """The faces with the order of their corners turned round where a matrix mirrors them."""
-    return np.asarray(faces)[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else np.asarray(faces)
 
 
 # ---- glTF 2.0 ------------------------------------------------------------------------------------------------------

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from scipy.spatial.transform import Rotation
 from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.mesh import load_mesh
@@ -237,6 +239,39 @@ f 1/1/1 2/2/1 3/3/1\nf 1/4/1 3/5/1 4/6/1
     for position, uvs in expected.items():
         here = (mesh.vertices[:, :2] == position).all(1)
         np.testing.assert_allclose(sorted(map(tuple, mesh.uv[here])), uvs, atol=1e-6)
+
+
+# ---------------------------------------------------------------- texture coordinates of several materials
+def by_material(mesh: Mesh, notes: tuple[str, ...]) -> None:
+    """Two materials, one of each side of x = 2, have half of the square each."""
+    far = mesh.vertices[:, 0] > 2
+    (low, high) = sorted([mesh.uv[far, 0], mesh.uv[~far, 0]], key=np.min)
+    assert 0 < low.min() < 0.01
+    assert 0.49 < low.max() < 0.5 < high.min() < 0.51
+    assert 0.99 < high.max() < 1
+    for rows in (mesh.uv[far, 1], mesh.uv[~far, 1]):
+        assert 0.98 < np.ptp(rows) < 1
+    assert "texture coordinates of 2 materials are laid side by side" in notes[-1]
+
+
+def test_materials_have_as_many_texels_whatever_their_textures_are(tmp_path: Path) -> None:
+    """A picture of 256 x 256 texels, and one colour: what is recovered has no less room for that."""
+    scene, picture = trimesh.Scene(), Image.new("RGB", (256, 256), (200, 0, 0))
+    materials = PBRMaterial(name="a", baseColorTexture=picture), PBRMaterial(name="b", baseColorFactor=[0.0, 0.0, 1.0, 1.0])
+    for material, place in zip(materials, (0, 3), strict=True):
+        corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        visual = TextureVisuals(uv=corners[:, :2], material=material)
+        scene.add_geometry(trimesh.Trimesh(corners + [place, 0, 0], [[0, 1, 2]], visual=visual, process=False))
+    scene.export(tmp_path / "mesh.glb")
+    by_material(*load_mesh(tmp_path / "mesh.glb"))
+
+
+def test_materials_of_an_obj_lie_side_by_side_without_its_mtl(tmp_path: Path) -> None:
+    """Both have all of the square to themselves; trimesh drops their names, and would lay one over the other."""
+    obj = "".join(f"v {x + place} {y} 0\n" for place in (0, 3) for x, y in ((0, 0), (1, 0), (0, 1)))
+    obj += "vt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\nusemtl b\nf 4/1 5/2 6/3\n"
+    (tmp_path / "mesh.obj").write_text(obj)
+    by_material(*load_mesh(tmp_path / "mesh.obj"))
 
 
 # ---------------------------------------------------------------- normals of several parts
