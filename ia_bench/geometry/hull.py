@@ -20,6 +20,7 @@ from torch.nn.functional import grid_sample
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.grid import DistanceGrid
+from ia_bench.geometry.mesh import expect_near_origin
 from ia_bench.scenes.scene import Camera, View
 
 HALF = 0.5  # coverage on an outline
@@ -146,10 +147,12 @@ def visual_hull(views: Sequence[View], cells: int, tolerated: int = 0) -> Distan
 
     ``tolerated``: how many views may see a point outside of their masks before it is cut away; the rest decide.
 
-    Raises InputError where no point is inside of all masks, and OpenHullError where the masks leave the object unbounded.
+    Raises InputError where no point is inside of all masks, and for one too far from the origin; OpenHullError where the masks
+    leave the object unbounded.
     """
     outlines = [(view.camera, torch.from_numpy(outline_distance(carving_mask(view)))) for view in views]
     low, high = _bounds(views, outlines, tolerated)
+    expect_near_origin("masks", low.numpy(), high.numpy())
     step = float((high - low).max()) / (cells - 2 * MARGIN)
     halvings = max(0, int(math.log2(cells / COARSEST)))
     whole = 2**halvings  # cells of the coarsest grid count as so many

@@ -73,3 +73,18 @@ def test_one_wrong_mask_is_survived_where_it_is_tolerated() -> None:
     more = visual_hull(views, 40, tolerated=2)
     points = torch.nn.functional.normalize(torch.randn(500, 3, generator=torch.Generator().manual_seed(0)), dim=-1) * RADIUS
     assert (more.at(points) <= none.at(points) + 0.1 * none.step).all()
+
+
+@pytest.mark.parametrize(("distance", "far"), [(1e3, False), (1e5, True), (5e6, True)])
+def test_map_coordinates_are_refused(distance: float, far: bool) -> None:
+    """At 1e5 the surface of the ball is rough by a tenth of a cell, at 5e6 nothing is left of it."""
+    views = []
+    for view in ball_views(12):
+        to_world = view.camera.to_world.astype(float)
+        to_world[:3, 3] += distance
+        views.append(replace(view, camera=replace(view.camera, to_world=to_world)))
+    if far:
+        with pytest.raises(InputError, match=r"^masks: expected an object at most 10000 times its size from the origin"):
+            visual_hull(views, 24)
+    else:
+        assert np.linalg.norm(extracted(visual_hull(views, 24))[0] - distance, axis=1).min() > RADIUS - 0.2 * PIXEL

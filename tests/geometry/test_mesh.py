@@ -170,6 +170,16 @@ def test_drops_unreferenced_vertices_and_says_so(tmp_path: Path, ply: Ply, tiny:
     assert mesh.vertices.max() < 2
 
 
+@pytest.mark.parametrize("uv", ["mesh", "xatlas"])
+def test_map_coordinates_are_refused(tmp_path: Path, ply: Ply, uv: str) -> None:
+    """In single precision, vertices a metre apart would fall together there."""
+    size = float(np.linalg.norm(np.ptp(ply.vertices, axis=0)))
+    ply.vertices[:, 0] += 0.9e4 * size
+    load_mesh(ply.write(tmp_path / "mesh.ply"), uv=uv)
+    ply.vertices = ply.vertices.astype(float) + [0.2e4 * size, 0, 0]
+    refused(ply.write(tmp_path / "mesh.ply"), "expected an object at most 10000 times its size from the origin", uv=uv)
+
+
 @pytest.mark.parametrize(("value", "found"), [(1.5, r"1\.5"), (-0.25, r"-0\.25"), (np.nan, "nan")])
 def test_uv_outside_the_unit_square(tmp_path: Path, ply: Ply, value: float, found: str) -> None:
     ply.uv[11, 0] = value
