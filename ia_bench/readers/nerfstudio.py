@@ -70,7 +70,7 @@ class NerfstudioReader(UnsplitReader):
                 return training, held_out
             if held_out:  # BlenderNeRF writes cameras alone
                 notes.append(f"{SPLIT[1]}: none of its {len(held_out)} photographs is there")
-            return (training, []) if len(training) == 1 else self._held_out_of(training, SPLIT[0], notes)  # one is to be fitted
+            return self._held_out_of(training, SPLIT[0], notes)
         content, frames = read_json(path), frames_of(path)
         by_name = {plain(frame.get("file_path")): (where, frame) for where, frame in frames}
         named: dict[str, list[str]] = {}
@@ -90,6 +90,8 @@ class NerfstudioReader(UnsplitReader):
         return self._held_out_of(training, WHOLE, notes)
 
     def _held_out_of(self, frames: list[NamedFrame], name: str, notes: list[str]) -> tuple[list[NamedFrame], list[NamedFrame]]:
+        if len(frames) == 1:  # which is to be fitted
+            return frames, []
         notes.append(f"{name} names no test photographs: every {self.every}th of {len(frames)} is held out")
         return self.split(frames)
 

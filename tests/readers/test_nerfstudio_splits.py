@@ -48,6 +48,21 @@ def test_validation_frames_are_not_trained_on_where_test_frames_are_held_out(fol
     assert names(folder, "test") == content[TEST]
 
 
+@pytest.mark.parametrize("named", [False, True])
+def test_a_single_photograph_is_fitted(folder: Path, named: bool) -> None:
+    def one(content: dict[str, Any]) -> None:
+        for split in (TRAIN, TEST):
+            del content[split]
+        if named:
+            content[TRAIN] = [content["frames"][2]["file_path"]]
+        else:
+            del content["frames"][1:]
+
+    content = edited(WHOLE, one)(folder)
+    assert names(folder, "train") == [content["frames"][2 if named else 0]["file_path"]]
+    assert names(folder, "test") == []
+
+
 def refused(folder: Path) -> str:
     with pytest.raises(InputError) as error:
         NerfstudioReader(folder).read(truth=False)
