@@ -5,7 +5,7 @@ and ``test_filenames``; without ``train_filenames`` all others are for training.
 ``transforms_test.json`` (NeRF's Blender scenes) are splits of their own. No photograph may be in both. Where none are for
 testing, every ``every``-th is held out. A mask is the picture's alpha, its ``mask_path``, or ``masks/NAME.png``; that of
 images/left/NAME.png may also be ``masks/left/NAME.png``. The ``exposure`` of a frame, time x ISO / F-number squared in any
-unit, replaces what EXIF says.
+unit, replaces what EXIF says, of all photographs where one frame has it: EXIF's unit may be another.
 """
 
 from __future__ import annotations
@@ -53,8 +53,9 @@ class NerfstudioReader(UnsplitReader):
         """The scene; such folders hold no truth, so held-out photographs are all that is scored. Raises InputError."""
         notes, sizes = list[str](), dict[str, View]()
         training, held_out = self._splits(notes)
-        train = [self._view(*frame, notes, sizes) for frame in training]
-        test = [self._view(*frame, notes, sizes) for frame in self.kept(held_out)]
+        told = any("exposure" in frame for _, frame in (*training, *held_out))
+        train = [self._view(*frame, notes, sizes, told) for frame in training]
+        test = [self._view(*frame, notes, sizes, told) for frame in self.kept(held_out)]
         return self.scene(train=train, test=test, novel=test, notes=notes)
 
     def _splits(self, notes: list[str]) -> tuple[list[NamedFrame], list[NamedFrame]]:
@@ -101,15 +102,16 @@ class NerfstudioReader(UnsplitReader):
         except InputError:
             return False
 
-    def _view(self, where: str, frame: Mapping[str, Any], notes: list[str], sizes: dict[str, View]) -> View:
+    def _view(self, where: str, frame: Mapping[str, Any], notes: list[str], sizes: dict[str, View], told: bool) -> View:
+        """The view of a frame; ``told``: exposures are those of frames, and not of EXIF."""
         path = picture_below(self.folder, frame.get("file_path"), f"{where}: file_path")
         if not path.is_relative_to(self.folder):  # an absolute path may lead into the folder through a link
             path = self.folder / path.resolve().relative_to(self.folder.resolve())
         name = Path(plain(path.relative_to(self.folder)))
         photo = photograph(path, self._mask(where, name, frame), notes)
         expect_size_of(where, frame, path, photo.mask.shape)
-        if "exposure" in frame:
-            photo = replace(photo, exposure=positive(where, frame, "exposure"))
+        if told:
+            photo = replace(photo, exposure=positive(where, frame, "exposure") if "exposure" in frame else None)
         view = photo.view(name.with_suffix("").as_posix(), camera(where, frame, photo.mask.shape))
         like = sizes.setdefault(str([frame.get(key) for key in ("camera_angle_x", "fl_x", "fl_y", "cx", "cy")]), view)
         expect_size(path, view.mask.shape, like.mask.shape, f"{like.name} with the same intrinsics")  # one was cut or scaled

@@ -100,6 +100,24 @@ def test_a_frame_s_exposure_replaces_what_exif_says(tmp_path: Path, tiny: Scene)
         NerfstudioReader(tmp_path).read(truth=False)
 
 
+def test_exposures_of_frames_and_of_exif_are_not_mixed(tmp_path: Path, tiny: Scene) -> None:
+    """They may be in units of their own: a photograph without the one has none, so that none is believed."""
+    write_nerfstudio(tmp_path, scene_to_write(tiny))
+    record = Image.Exif()
+    record[0x0112] = 1  # upright; of a record whose first part is empty Pillow writes nothing into a PNG
+    record.get_ifd(0x8769).update({33434: 1 / 50, 34855: 400, 33437: 2.0})
+    for path in (tmp_path / "images").iterdir():
+        with Image.open(path) as picture:
+            picture.save(path, exif=record)
+    assert all(view.exposure == pytest.approx(2.0) for view in NerfstudioReader(tmp_path).read(truth=False).train)
+    edited("transforms.json", lambda c: c["frames"][1].update(exposure=300.0))(tmp_path)
+    scene = NerfstudioReader(tmp_path).read(truth=False)
+    assert [view.exposure for view in scene.train] == [None, 300.0, *[None] * (len(scene.train) - 2)]
+    notes = list[str]()
+    captured(scene, CaptureSettings(geometry="hull", cells=16), notes.append)
+    assert "photographs have no recorded exposure: all are taken for the same" in notes[0]
+
+
 def test_exif(tmp_path: Path) -> None:
     picture = Image.new("RGB", (8, 8), "grey")
     picture.save(tmp_path / "bare.jpg")
