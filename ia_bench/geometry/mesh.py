@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+import json
 import math
 import re
+import struct
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,9 +26,10 @@ if TYPE_CHECKING:
     import trimesh
 
 READ = "3"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
-FAR = (
-    1e4  # sizes of an object from the origin: beyond, single precision, in which rays are traced, shifts its points by .0006 of it
-)
+EXTENSIONS = ("KHR_materials_", "KHR_texture_transform", "EXT_texture_webp")
+"""How extensions begin that a glTF may require: they are of materials alone, which are no part of a mesh."""
+FAN, FLOAT = 6, 5126  # as the specification of glTF numbers them
+FAR = 1e4  # sizes of an object from the origin: single precision, in which rays are traced, shifts its points by .0006 of it there
 BORDER = 1 / 128  # of a material's rectangle among texture coordinates, on each side: textures of neighbours are interpolated, too
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
 
@@ -57,6 +60,8 @@ def _read_mesh(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     import trimesh
 
     loaded = parsed_by_trimesh(path)
+    if path.suffix.lower() in (".glb", ".gltf"):
+        expect_plain_gltf(path, gltf_header(path)[0], uv=uv == "mesh")
     placed = placed_parts(loaded) if isinstance(loaded, trimesh.Scene) else []  # a file of several parts, or a glTF
     if isinstance(loaded, trimesh.Trimesh):
         placed = [(loaded, np.eye(4), stored_normals(loaded))]
@@ -148,6 +153,41 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
             return trimesh.load(source, file_type=kind, **options)
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise _unreadable(path, error) from None
+
+
+def gltf_header(path: Path) -> tuple[dict[str, Any], bytes]:
+    """The JSON of a glTF file, and the chunks behind it in a .glb. Raises InputError."""
+    if path.suffix.lower() == ".gltf":
+        return read_json(path), b""
+    content = path.read_bytes()
+    try:
+        magic, version, _, size, kind = struct.unpack_from("<4sIII4s", content)
+        if (magic, version, kind) != (b"glTF", 2, b"JSON"):
+            raise ValueError
+        header = json.loads(content[20 : 20 + size])
+        if not isinstance(header, dict):
+            raise ValueError
+    except (struct.error, ValueError, RecursionError):
+        raise InputError(f"{path}: expected a binary glTF 2.0 file, found another or a damaged one") from None
+    return header, content[20 + size :]
+
+
+def expect_plain_gltf(path: Path, header: Mapping[str, Any], *, uv: bool = True) -> None:
+    """Raise InputError for geometry that trimesh leaves out, or takes for something else without a word.
+
+    ``uv``: whether texture coordinates count.
+    """
+    found = [name for name in header.get("extensionsRequired", []) if not name.startswith(EXTENSIONS)]
+    accessors = dict(enumerate(header.get("accessors", [])))
+    for primitive in (one for mesh in header.get("meshes", []) for one in mesh.get("primitives", [])):
+        stored = {name: accessors.get(number, {}) for name, number in primitive.get("attributes", {}).items()}
+        whole = uv and stored.get("TEXCOORD_0", {}).get("componentType", FLOAT) != FLOAT
+        sparse = any("sparse" in accessor for accessor in stored.values())
+        found += ["whole numbers for TEXCOORD_0"] * whole + ["sparse accessors"] * sparse
+        found += ["triangle fans"] * (primitive.get("mode") == FAN)
+    if found:
+        expected = "expected triangles with plain coordinates in floating point, as exporters write them without compression"
+        raise InputError(f"{path}: {expected}, found {', '.join(dict.fromkeys(found))}")
 
 
 def named_by_gltf(path: Path, *kinds: str) -> list[Path]:

@@ -24,8 +24,16 @@ import numpy as np
 from PIL import Image
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import file_below, is_file, read_json, shown
-from ia_bench.geometry.mesh import named_by_gltf, parsed_by_trimesh, placed_parts, stored_normals, wound
+from ia_bench.common.files import file_below, is_file, shown
+from ia_bench.geometry.mesh import (
+    expect_plain_gltf,
+    gltf_header,
+    named_by_gltf,
+    parsed_by_trimesh,
+    placed_parts,
+    stored_normals,
+    wound,
+)
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import expect_size_to_read, read_exr
 from ia_bench.scenes.photograph import picture_values, read_values
@@ -88,16 +96,14 @@ def asset_files(path: Path) -> list[Path]:
 # ---- glTF 2.0 ------------------------------------------------------------------------------------------------------
 IGNORED = {"normalTexture": "a normal map", "emissiveTexture": "light of its own", "occlusionTexture": "an occlusion map"}
 OTHER_MODEL = "KHR_materials_pbrSpecularGlossiness"
-READ = ("KHR_materials_", "KHR_texture_transform", "EXT_texture_webp")
-"""How extensions begin that a file may require: a material's are left out with a note, or refused where a texture has them."""
 METALLIC = {"metallicFactor", "metallicRoughnessTexture"}
-FAN, FLOAT, REPEAT = 6, 5126, 10497  # as the specification numbers them
+REPEAT = 10497  # as the specification numbers it
 
 
 def _gltf(path: Path, note: Note) -> Parts:
     """Parts and materials of a glTF file; trimesh reads geometry and pictures, factors are taken from the file, unrounded."""
-    header, rest = _header(path)
-    _expect_plain(path, header)
+    header, rest = gltf_header(path)
+    expect_plain_gltf(path, header)
     materials = header.setdefault("materials", [])
     used = {IGNORED[key] for material in materials for key in IGNORED if key in material}
     used |= {"transparency" for material in materials if material.get("alphaMode", "OPAQUE") != "OPAQUE"}
@@ -139,44 +145,12 @@ def _gltf(path: Path, note: Note) -> Parts:
     return parts, surfaces
 
 
-def _expect_plain(path: Path, header: Mapping[str, Any]) -> None:
-    """Raise InputError for geometry that trimesh leaves out, or takes for something else without a word."""
-    found = [name for name in header.get("extensionsRequired", []) if not name.startswith(READ)]
-    accessors = dict(enumerate(header.get("accessors", [])))
-    for primitive in (one for mesh in header.get("meshes", []) for one in mesh.get("primitives", [])):
-        stored = {name: accessors.get(number, {}) for name, number in primitive.get("attributes", {}).items()}
-        whole = stored.get("TEXCOORD_0", {}).get("componentType", FLOAT) != FLOAT
-        sparse = any("sparse" in accessor for accessor in stored.values())
-        found += ["whole numbers for TEXCOORD_0"] * whole + ["sparse accessors"] * sparse
-        found += ["triangle fans"] * (primitive.get("mode") == FAN)
-    if found:
-        expected = "expected triangles with plain coordinates in floating point, as exporters write them without compression"
-        raise InputError(f"{path}: {expected}, found {', '.join(dict.fromkeys(found))}")
-
-
 def _repeats(header: Mapping[str, Any], number: int) -> bool:
     """Whether the textures of a material repeat beyond their edges, as they do unless a sampler says something else."""
     said = header["materials"][number].get("pbrMetallicRoughness", {})
     textures = [header["textures"][said[key]["index"]] for key in ("baseColorTexture", "metallicRoughnessTexture") if key in said]
     samplers = [header["samplers"][texture["sampler"]] for texture in textures if "sampler" in texture]
     return all(sampler.get(key, REPEAT) == REPEAT for sampler in samplers for key in ("wrapS", "wrapT"))
-
-
-def _header(path: Path) -> tuple[dict[str, Any], bytes]:
-    """The JSON of a file, and the chunks behind it in a .glb."""
-    if path.suffix.lower() == ".gltf":
-        return read_json(path), b""
-    content = path.read_bytes()
-    try:
-        magic, version, _, size, kind = struct.unpack_from("<4sIII4s", content)
-        if (magic, version, kind) != (b"glTF", 2, b"JSON"):
-            raise ValueError
-        header = json.loads(content[20 : 20 + size])
-        if not isinstance(header, dict):
-            raise ValueError
-    except (struct.error, ValueError, RecursionError):
-        raise InputError(f"{path}: expected a binary glTF 2.0 file, found another or a damaged one") from None
-    return header, content[20 + size :]
 
 
 def _gltf_surface(path: Path, header: Mapping[str, Any], number: int, base: Any, packed: Any) -> Surface:  # noqa: ANN401

@@ -1,10 +1,12 @@
 """The mesh reader: what it repairs and says, what it refuses; on copies of the mesh of `tiny` broken in one place."""
 
+import json
 import os
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -251,6 +253,37 @@ f 1/1/1 2/2/1 3/3/1\nf 1/4/1 3/5/1 4/6/1
         np.testing.assert_allclose(sorted(map(tuple, mesh.uv[here])), uvs, atol=1e-6)
 
 
+# ---------------------------------------------------------------- what trimesh leaves out of a glTF
+def fan(header: dict[str, Any], number: int) -> None:
+    header["meshes"][number]["primitives"][0]["mode"] = 6
+
+
+def sparse(header: dict[str, Any], number: int) -> None:
+    place = header["meshes"][number]["primitives"][0]["attributes"]["POSITION"]
+    header["accessors"][place]["sparse"] = {
+        "count": 1,
+        "indices": {"bufferView": 0, "componentType": 5125},
+        "values": {"bufferView": 1},
+    }
+
+
+def packed(header: dict[str, Any], number: int) -> None:
+    header["extensionsRequired"] = ["EXT_meshopt_compression"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "found"), [(fan, "triangle fans"), (sparse, "sparse accessors"), (packed, "EXT_meshopt_compression")]
+)
+def test_a_gltf_of_which_parts_would_be_lost_is_refused(tmp_path: Path, spoil: Callable[..., None], found: str) -> None:
+    path = written(tmp_path / "mesh.gltf", (part(HARD), np.eye(4)), (part(HARD, 0.5), placing(np.eye(3))))
+    assert len(load_mesh(path)[0].faces) == 2
+    header = json.loads(path.read_text())
+    spoil(header, 1)
+    path.write_text(json.dumps(header))
+    with pytest.raises(InputError, match=rf"mesh\.gltf: expected triangles with plain coordinates .*, found {found}$"):
+        load_mesh(path)
+
+
 # ---------------------------------------------------------------- texture coordinates of several materials
 def by_material(mesh: Mesh, notes: tuple[str, ...]) -> None:
     """Two materials, one of each side of x = 2, have half of the square each."""
@@ -301,7 +334,10 @@ def written(path: Path, *parts: tuple[trimesh.Trimesh, np.ndarray]) -> Path:
     scene = trimesh.Scene()
     for number, (mesh, matrix) in enumerate(parts):
         scene.add_geometry(mesh, geom_name=f"part {number}", node_name=f"node {number}", transform=matrix)
-    path.write_bytes(scene.export(file_type="glb"))
+    if path.suffix == ".glb":
+        path.write_bytes(scene.export(file_type="glb"))
+    for name, content in scene.export(file_type="gltf").items() if path.suffix == ".gltf" else ():
+        path.with_name(path.name if name.endswith(".gltf") else name).write_bytes(content)
     return path
 
 
