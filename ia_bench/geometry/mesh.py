@@ -147,12 +147,16 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
     source = path if content is None else io.BytesIO(content)
     kind = path.suffix.lower().removeprefix(".")
     options: Any = {"process": False, "fix_texture": _uv_per_face(path), "resolver": Beside(str(path))}
+    logger, was = trimesh.util.log, trimesh.util.log.disabled
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of numpy and Pillow: what is wrong with a file is said in a sentence of ours
+            logger.disabled = True  # and a texture that is not there, of which it would print a traceback, is no part of a mesh
             return trimesh.load(source, file_type=kind, **options)
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise _unreadable(path, error) from None
+    finally:
+        logger.disabled = was
 
 
 def gltf_header(path: Path) -> tuple[dict[str, Any], bytes]:

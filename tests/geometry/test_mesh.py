@@ -3,6 +3,8 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -230,6 +232,14 @@ def test_useless_normals_are_computed_again(tmp_path: Path, ply: Ply, tiny: Scen
     mesh, notes = load_mesh(ply.write(tmp_path / "mesh.ply"))
     assert notes == ("mesh.ply: stored normals are zero or not finite in places; smooth normals computed instead",)
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
+
+
+def test_a_texture_that_is_not_there_is_no_traceback(tmp_path: Path, ply: Ply, capfd: pytest.CaptureFixture[str]) -> None:
+    path = ply.write(tmp_path / "mesh.ply")
+    path.write_text(path.read_text().replace("element vertex", "comment TextureFile mesh.png\nelement vertex", 1))
+    code = f"from pathlib import Path; from ia_bench.geometry.mesh import load_mesh; load_mesh(Path({str(path)!r}))"
+    subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "IA_BENCH_CACHE": str(tmp_path / "cache")})
+    assert capfd.readouterr().err == ""
 
 
 def test_a_vertex_with_two_uv_is_split(tmp_path: Path) -> None:
