@@ -62,6 +62,9 @@ def _read_mesh(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     loaded = parsed_by_trimesh(path)
     if path.suffix.lower() in (".glb", ".gltf"):
         expect_plain_gltf(path, gltf_header(path)[0], uv=uv == "mesh")
+    textures = len(re.findall(rb"^comment TextureFile\b", _ply_header(path), re.MULTILINE))
+    if uv == "mesh" and textures > 1:  # whose coordinates lie over each other, and trimesh does not tell which face has which
+        raise InputError(f"{path}: expected UV for one texture, found those for {textures}; run with reader.options.uv=xatlas")
     placed = placed_parts(loaded) if isinstance(loaded, trimesh.Scene) else []  # a file of several parts, or a glTF
     if isinstance(loaded, trimesh.Trimesh):
         placed = [(loaded, np.eye(4), stored_normals(loaded))]
@@ -299,10 +302,15 @@ def joined_normals(counts: Sequence[int], normals: Sequence[np.ndarray | None]) 
 
 def _uv_per_face(path: Path) -> bool:
     """Whether trimesh must split vertices by UV. Elsewhere it must not: it drops vertices, and all stored normals."""
+    return b" texcoord" in _ply_header(path)
+
+
+def _ply_header(path: Path) -> bytes:
+    """What a PLY file says of its content; nothing for a file of another format."""
     if path.suffix.lower() != ".ply":
-        return False
+        return b""
     with path.open("rb") as file:
-        return b" texcoord" in file.read(65536).split(b"end_header")[0]
+        return file.read(65536).split(b"end_header")[0]
 
 
 def expect_near_origin(what: str, low: np.ndarray, high: np.ndarray) -> None:

@@ -234,6 +234,14 @@ def test_useless_normals_are_computed_again(tmp_path: Path, ply: Ply, tiny: Scen
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
 
 
+def test_a_ply_of_several_textures_is_refused_or_unwrapped(tmp_path: Path, ply: Ply) -> None:
+    """As photogrammetry writes it, each with coordinates from 0 to 1: one would lie over the other."""
+    text, comments = ply.write(tmp_path / "mesh.ply").read_text(), "".join(f"comment TextureFile {name}.png\n" for name in "ab")
+    (tmp_path / "mesh.ply").write_text(text.replace("element vertex", f"{comments}element vertex", 1))
+    refused(tmp_path / "mesh.ply", "expected UV for one texture, found those for 2; run with reader.options.uv=xatlas")
+    assert len(load_mesh(tmp_path / "mesh.ply", uv="xatlas")[0].faces) == len(ply.faces)
+
+
 def test_a_texture_that_is_not_there_is_no_traceback(tmp_path: Path, ply: Ply, capfd: pytest.CaptureFixture[str]) -> None:
     path = ply.write(tmp_path / "mesh.ply")
     path.write_text(path.read_text().replace("element vertex", "comment TextureFile mesh.png\nelement vertex", 1))
