@@ -113,7 +113,7 @@ class NerfstudioReader(UnsplitReader):
         if told:
             photo = replace(photo, exposure=positive(where, frame, "exposure") if "exposure" in frame else None)
         view = photo.view(name.with_suffix("").as_posix(), camera(where, frame, photo.mask.shape))
-        like = sizes.setdefault(str([frame.get(key) for key in ("camera_angle_x", "fl_x", "fl_y", "cx", "cy")]), view)
+        like = sizes.setdefault(str([frame.get(key) for key in ("camera_angle_x", "fl_x", "fl_y", "cx", "cy", "w", "h")]), view)
         expect_size(path, view.mask.shape, like.mask.shape, f"{like.name} with the same intrinsics")  # one was cut or scaled
         return self.view(undistorted(where, view, lens(where, frame)))
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from layouts import scene_to_write
+from PIL import Image
 from spoils import edited
 
 from ia_bench.common.errors import InputError
@@ -94,3 +95,25 @@ def test_an_absolute_path_through_a_link_leads_to_the_same_photograph(folder: Pa
 
     edited(WHOLE, absolute)(folder)
     assert names(folder, "train") == expected
+
+
+def test_frames_that_say_their_sizes_may_differ_in_them(folder: Path) -> None:
+    """Upright and level photographs of one camera, with its focal length for all, and the middles as principal points."""
+    content = json.loads((folder / WHOLE).read_text())
+    first = content["frames"][0]["file_path"], content["frames"][0]["mask_path"]
+    for name in first:
+        with Image.open(folder / name) as picture:
+            picture.crop((2, 0, picture.width - 2, picture.height)).save(folder / name)
+    width, height = content["w"], content["h"]
+
+    def own(content: dict[str, Any]) -> None:
+        for key in ("w", "h", "cx", "cy"):
+            content.pop(key, None)
+        for frame in content["frames"]:
+            frame.update(w=width - 4 * (frame["file_path"] == first[0]), h=height)
+
+    edited(WHOLE, own)(folder)
+    views = NerfstudioReader(folder).read(truth=False).train
+    assert [view.camera.centre for view in views[:2]] == [(width / 2 - 2, height / 2), (width / 2, height / 2)]
+    edited(WHOLE, lambda c: [frame.pop("w") for frame in c["frames"]])(folder)
+    assert "with the same intrinsics" in refused(folder)
