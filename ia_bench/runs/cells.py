@@ -134,24 +134,30 @@ def make_cells(
 
     by_name: dict[str, SceneConfig] = {}  # scenes that a name alone gives
 
-    def composed(row: Row) -> list[RunConfig]:
-        """Its configurations with all scenes: composing takes long, and with scenes by name nothing but the scene differs."""
+    def composed(row: Row, seed: int, *, alone: bool) -> list[RunConfig]:
+        """Its configurations with all scenes: composing takes long, and with scenes by name nothing but the scene differs.
+
+        ``alone``: each is composed all the same.
+        """
         first: RunConfig | None = None
         found = []
         for scene in scenes:
-            if first is not None and scene.name in by_name:
+            if first is not None and scene.name in by_name and not alone:
                 found.append(replace(first, scene=by_name[scene.name]))
                 continue
-            found.append(compose(overrides_of(row, scene, 0), here=request.launcher.here))
+            found.append(compose(overrides_of(row, scene, seed), here=request.launcher.here))
             if scene == SceneEntry(scene.name):
                 first, by_name[scene.name] = found[-1], found[-1].scene
         return found
 
     cells = []
     for row in table.crossed_rows:
+        filled_in = any("${" in text for text in (*row.overrides, *request.overrides))  # with the scene's name, say, or the seed
         try:
-            for seed, (scene, any_seed) in product(seeds, zip(scenes, composed(row), strict=True)):
-                config = replace(any_seed, seed=seed)  # on which nothing else of it depends
+            known = {seed: composed(row, seed, alone=filled_in) for seed in (seeds if filled_in else [0])}
+            for seed, place in product(seeds, range(len(scenes))):
+                scene, config = scenes[place], known[seed if filled_in else 0][place]
+                config = replace(config, seed=seed)  # on which nothing else of it depends, unless it was composed with it
                 content = identity(config)
                 key = hash_of(content)
                 name = cell_name(config.scene.name, row.name, seed, key)

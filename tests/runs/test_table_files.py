@@ -10,6 +10,8 @@ from ia_bench.capture.settings import CaptureSettings
 from ia_bench.cli.table import parse
 from ia_bench.common.errors import InputError
 from ia_bench.runs.cells import TableRequest, make_cells
+from ia_bench.runs.composition import compose
+from ia_bench.runs.identity import hash_of, identity
 from ia_bench.runs.table import Claim, Row, SceneEntry, Table, capture_of, crossed_name, load_table, some_rows
 
 BAD_NAMES = ('""', '" "', '"a\\nb"', '"a\\0b"', "a" * 5000)
@@ -148,3 +150,16 @@ def test_every_row_is_run_with_every_capture_unless_it_says_with_which() -> None
     assert (capture["a, 8 views, LDR"].views, capture["a, 8 views, LDR"].radiometry) == (8, "ldr")
     assert capture["a, mask growth -2.0"].faults.mask_growth == -2
     assert capture["a"] == capture["b"] == CaptureSettings()
+
+
+def test_what_a_row_fills_in_is_that_of_each_scene_and_seed() -> None:
+    """A cell is what its command line makes, as docs/priors.md and docs/others_results.md have such rows."""
+    table = Table(
+        scenes=["hat", "tiny"],
+        seeds=[0, 1],
+        rows=[Row("none", ["prior=none"]), Row("faulty", ["capture.faults.seed=${seed}", "protocol.name=of_${scene.name}"])],
+    )
+    cells = make_cells(table, TableRequest(overrides=("device=cpu",)), 1, Path("results/t"))
+    filled_in = {(cell.scene, cell.seed): (cell.config.protocol.name, cell.config.capture.faults.seed) for cell in cells[4:]}
+    assert filled_in == {(scene, seed): (f"of_{scene}", seed) for scene in ("hat", "tiny") for seed in (0, 1)}
+    assert [hash_of(identity(compose(cell.config.command))) for cell in cells] == [cell.config_hash for cell in cells]
