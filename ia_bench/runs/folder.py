@@ -184,7 +184,8 @@ class RunFolder:
             self.drop_checkpoint()
             (self.path / METRICS_FILE).unlink()
             held = None
-        if held is None or not (self.path / METRICS_FILE).exists():  # a run that goes on may have its files elsewhere by now
+        # A run that goes on, or is tried again, may have its files elsewhere by now, and another name.
+        if held is None or finished_record(self.path, self.config_hash) is None:
             content = {"config_hash": self.config_hash, **setup, "identity": dict(identity)}
             self.write_bytes(CONFIG, json_bytes(CONFIG, content))
         for leftover in self.path.glob(LEFTOVERS):  # of a process that was killed while writing

@@ -169,6 +169,14 @@ def test_a_run_that_goes_on_says_where_its_files_are_now(folder: RunFolder) -> N
     assert RunSetup.read(path).command == moved["command"]
 
 
+def test_a_failed_run_that_is_tried_again_says_where_its_files_are_now(folder: RunFolder) -> None:
+    path, moved = folder.path, {"command": "ia-bench run scene.path=/b row=b", "config": {"scene": {"path": "/b"}, "row": "b"}}
+    folder.write_failure("the disk is full", LABELS)
+    folder.__exit__(None, None, None)
+    with RunFolder(path, CONFIG, HASH, setup=moved):
+        assert (RunSetup.read(path).command, RunSetup.read(path).config) == (moved["command"], moved["config"])
+
+
 def test_checkpoint_returns_what_it_was_given(folder: RunFolder) -> None:
     assert folder.load_checkpoint() is None
     generator = torch.Generator().manual_seed(3)
