@@ -177,17 +177,18 @@ class RunFolder:
         held = RunSetup.read(self.path) if path.exists() else None
         if held is None and (self.path / METRICS_FILE).exists():
             raise InputError(f"{self.path}: holds a {METRICS_FILE} but no {CONFIG}, so it is not a run's folder")
-        if held is not None and held.config_hash != self.config_hash:
+        another = held is not None and held.config_hash != self.config_hash
+        if held is not None and another:
             if not (self.path / METRICS_FILE).exists() or RunRecord.read(self.path).status != "failed":
                 keys = ", ".join(_differing(held.identity, identity)) or "the version of the code"
                 raise InputError(f"{self.path}: holds the results of another configuration; these differ: {keys}")
             self.drop_checkpoint()
-            (self.path / METRICS_FILE).unlink()
-            held = None
         # A run that goes on, or is tried again, may have its files elsewhere by now, and another name.
-        if held is None or finished_record(self.path, self.config_hash) is None:
+        if finished_record(self.path, self.config_hash) is None:
             content = {"config_hash": self.config_hash, **setup, "identity": dict(identity)}
             self.write_bytes(CONFIG, json_bytes(CONFIG, content))
+        if another:  # now: with its own configuration and no failure, a run that was killed here would be used by nobody else
+            (self.path / METRICS_FILE).unlink()
         for leftover in self.path.glob(LEFTOVERS):  # of a process that was killed while writing
             with suppress(OSError):  # a folder is somebody else's
                 leftover.unlink()

@@ -4,6 +4,7 @@ import csv
 import errno
 import json
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import asdict, replace
@@ -156,6 +157,18 @@ def test_a_folder_with_nothing_but_a_failed_run_is_used_again(folder: RunFolder)
         again.write_record(good_record())
     with pytest.raises(InputError, match="holds the results of another configuration"):
         RunFolder(folder.path, CONFIG, HASH)
+
+
+def test_who_is_killed_while_claiming_a_failed_run_may_come_again(folder: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder.write_failure("the scene is broken", LABELS)
+    folder.__exit__(None, None, None)
+    with monkeypatch.context() as patched:
+        patched.setattr(RunFolder, "write_bytes", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt):
+            RunFolder(folder.path, {"seed": 1}, "b" * 64)
+    with RunFolder(folder.path, {"seed": 1}, "b" * 64):
+        assert RunSetup.read(folder.path).identity == {"seed": 1}
+        assert not (folder.path / METRICS_FILE).exists()
 
 
 def test_a_run_that_goes_on_says_where_its_files_are_now(folder: RunFolder) -> None:
