@@ -13,7 +13,7 @@ import pytest
 from scored_runs import put_setup
 
 from ia_bench.common.errors import InputError
-from ia_bench.report.collect import NOT_SCORED, as_table, collect, read_published, read_run
+from ia_bench.report.collect import KEPT, NOT_SCORED, as_table, collect, read_published, read_run
 from ia_bench.report.curves import read_curve
 from ia_bench.report.write import write_report
 from ia_bench.runs.folder import find_run_folders
@@ -169,6 +169,12 @@ def test_a_list_without_a_metric_or_with_another_column_is_read(first: Path, tmp
     assert set(runs.loc[runs["problem"].isna(), "protocol"]) == {"unknown"}
     assert (runs["sharpness"] == 3.5).all()
     assert runs.loc[0, "reasons"]["roughness.mse"] == NOT_SCORED
+
+
+def test_a_column_that_is_called_like_what_only_folders_have_is_passed_over(first: Path, tmp_path: Path) -> None:
+    lines = pd.read_csv(first, dtype=str, keep_default_na=False).assign(**dict.fromkeys(KEPT, 1))
+    lines.to_csv(tmp_path / "runs.csv", index=False)
+    assert read_published(tmp_path / "runs.csv") == [{**run, "folder": tmp_path / "runs.csv"} for run in read_published(first)]
 
 
 @pytest.mark.parametrize(
