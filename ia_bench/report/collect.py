@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import math
 import shlex
+import warnings
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -35,6 +36,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
+from pandas.errors import ParserWarning
 
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
@@ -183,8 +185,10 @@ def read_published(path: Path) -> list[Record]:
     InputError, naming file and line, for what is no value of its column.
     """
     try:
-        lines = pd.read_csv(path, dtype=str, keep_default_na=False).to_dict("records")
-    except (OSError, ValueError) as error:  # of pandas, its own errors are among them
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", ParserWarning)
+            lines = pd.read_csv(path, dtype=str, keep_default_na=False, index_col=False).to_dict("records")
+    except (OSError, ValueError, ParserWarning) as error:  # of pandas, its own errors are among them
         raise InputError(f"{path}: expected a report's runs.csv, found: {shown(str(error))}") from error
     columns = set(lines[0]) if lines else set()
     missing = next((name for name in CELL if name not in columns), None)

@@ -171,6 +171,13 @@ def test_a_list_without_a_metric_or_with_another_column_is_read(first: Path, tmp
     assert runs.loc[0, "reasons"]["roughness.mse"] == NOT_SCORED
 
 
+def test_lines_that_are_longer_than_the_names_of_columns_are_refused(tmp_path: Path) -> None:
+    """The row would be none, or what is in the second column."""
+    (tmp_path / "runs.csv").write_text("row,scene,seed,albedo_psnr\nnone,7,0,20.0,\nnone,7,1,21.0,\n")
+    with pytest.raises(InputError, match=r"runs\.csv: expected a report's runs\.csv, found: Length of header"):
+        read_published(tmp_path / "runs.csv")
+
+
 def test_a_column_that_is_called_like_what_only_folders_have_is_passed_over(first: Path, tmp_path: Path) -> None:
     lines = pd.read_csv(first, dtype=str, keep_default_na=False).assign(**dict.fromkeys(KEPT, 1))
     lines.to_csv(tmp_path / "runs.csv", index=False)
