@@ -110,8 +110,12 @@ def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: 
 
 
 def _publishes(line: Record, run: Record) -> bool:
-    """Whether a runs.csv's ``line`` is of the ``run`` of a folder: then its numbers count, and the folder has pictures of them."""
-    return "record" in run and "record" not in line and run["config_hash"] == line["config_hash"]
+    """Whether a runs.csv's ``line`` is of the ``run`` of a folder: then its numbers count, and the folder has pictures of them.
+
+    Not where one has failed and the other has not, which were two runs.
+    """
+    both = "record" in run and "record" not in line and run["config_hash"] == line["config_hash"]
+    return both and (run.get("problem") is None) == (line.get("problem") is None)
 
 
 def as_table(records: Iterable[Record]) -> Runs:

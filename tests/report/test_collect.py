@@ -152,6 +152,14 @@ def test_the_folder_of_a_published_run_adds_its_curve_and_not_its_numbers(first:
     np.testing.assert_array_equal(run["curve"].values["albedo_psnr"], [np.nan, 14.0])
 
 
+@pytest.mark.parametrize("failed", ["none", "ours"])
+def test_a_run_that_failed_is_not_the_one_that_was_published(first: Path, write_run: Write, failed: str) -> None:
+    """Neither has the published one failed then, nor has that of a folder when the published one did."""
+    again = {"none": {"seed": 0, "status": "failed", "error": "the disk is full"}, "ours": {"seed": 2}}
+    with pytest.raises(InputError, match=rf"row {failed}, scene hat, seed . is in .* and in .*runs\.csv"):
+        collect([write_run(failed, "hat", **again[failed])], read_published(first))
+
+
 @pytest.mark.parametrize("path", sorted(RESULTS.rglob("runs.csv")), ids=lambda path: path.parent.name)
 def test_every_list_of_runs_that_was_ever_published_is_read(path: Path) -> None:
     runs, lines = as_table(read_published(path)), pd.read_csv(path)
