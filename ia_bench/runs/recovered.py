@@ -169,6 +169,7 @@ class Rescorer:
         config = run.config
         key = (protocol, scene, config.scene, run.scene_content, config.reader, config.capture, run.device)
         if key != self._key:  # another scene than that of the run before
+            self._key = None  # of which nothing is kept from here on, also where this one cannot be scored
             self._scene = run.read_scene(scene)
             self._stage = Stage(self._scene.expect_mesh(), run.device)
             self._scorer = Scorer(self._scene, protocol, run.device)

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.report.collect import collect
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
-from ia_bench.runs.recovered import Rescorer
+from ia_bench.runs.recovered import Recovered, Rescorer
 from ia_bench.scores.protocol import Protocol
 
 SCORES = ("metrics", "variants", "per_image", "reasons", "counts", "albedo_scales", "protocol", "protocol_description", "renderer")
@@ -90,6 +91,19 @@ def test_what_cannot_be_scored_is_named(ceiling: Path, old_run: Path, tmp_path: 
     assert capsys.readouterr().out == "", "what lies in the folder for new runs is not scored again"
     assert main([str(old_run), "--out", str(tmp_path / "new"), "--protocol", "papr"]) == 2
     assert not list((tmp_path / "new").rglob("*.json"))
+
+
+def test_nothing_of_a_scene_that_cannot_be_scored_is_kept(ceiling: Path, tmp_path: Path) -> None:
+    """As pictures were brought of one without a mesh: runs behind it were pictured in its views."""
+    rescorer, without = Rescorer(), Recovered(ceiling)
+    first = rescorer.rescore(ceiling, small(), tmp_path / "first")
+    scene = without.read_scene()
+    without.config = replace(without.config, scene=replace(without.config.scene, name="other"))
+    without.read_scene = lambda _: replace(scene, mesh=None, test=scene.test[:1])  # type: ignore[method-assign]
+    with pytest.raises(InputError, match="mesh"):
+        rescorer.score(without, small())
+    again = rescorer.rescore(ceiling, small(), tmp_path / "again")
+    assert (again / "pictures.zip").read_bytes() == (first / "pictures.zip").read_bytes()
 
 
 def test_a_run_with_a_renderer_of_its_own_is_not_scored_by_another(ceiling: Path, tmp_path: Path) -> None:
