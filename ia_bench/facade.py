@@ -260,7 +260,9 @@ def table(runs: Sequence[Fit | str | Path]) -> pd.DataFrame:
     """
     folders: dict[Path, CellKey | None] = {}
     for one in runs:
-        folders |= {one.folder: None} if isinstance(one, Fit) else folders_with_cells([Path(one)], log.info)
+        found = {one.folder: None} if isinstance(one, Fit) else folders_with_cells([Path(one)], log.info)
+        for folder, cell in found.items():  # a fit may lie in a folder that is searched, too
+            folders[folder.resolve()] = cell or folders.get(folder.resolve())
     return collect(folders).runs.reindex(columns=list(SHOWN)).dropna(axis=1, how="all")
 
 

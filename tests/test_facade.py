@@ -78,11 +78,13 @@ def test_the_asset_is_a_glb(fit: ib.Fit, tmp_path: Path) -> None:
         fit.save(tmp_path / "asset.obj")
 
 
-def test_a_table_has_a_line_per_run(fit: ib.Fit) -> None:
+def test_a_table_has_a_line_per_run(fit: ib.Fit, monkeypatch: pytest.MonkeyPatch) -> None:
     shown = ib.table([fit])
     assert shown.loc[0, "aligned_albedo_psnr"] == fit.metrics["aligned_albedo"]["psnr"]
     assert "problem" not in shown
     assert ib.table([fit.folder.parent]).equals(shown)
+    monkeypatch.chdir(fit.folder.parent)
+    assert ib.table([fit, ".", f"../{fit.folder.parent.name}"]).equals(shown), "a run is there once, whatever its folder is called"
 
 
 def test_notes_are_logged_and_nothing_is_printed(
