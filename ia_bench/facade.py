@@ -183,10 +183,9 @@ class Fit(Recovered):
         return path
 
     def _map(self, name: str, channels: int) -> np.ndarray | None:
-        path = self.folder / f"{name}.exr"
-        if not path.is_file():
+        if not self.has(f"{name}.exr"):
             return None
-        image: np.ndarray = read_exr(path, channels)
+        image: np.ndarray = read_exr(self.folder / f"{name}.exr", channels)
         return image[..., 0] if channels == 1 else image
 
     def _texels(self, light: Light) -> np.ndarray:

@@ -65,6 +65,10 @@ class Recovered:
         alignment = str(self.record.protocol_description.get("alignment"))
         self.scale = torch.tensor(drawn_scale(self.record.albedo_scales, alignment) or [1.0] * 3)
 
+    def has(self, name: str) -> bool:
+        """Whether the run wrote a file of that name; what a failed run of another configuration has left is none of its own."""
+        return (self.folder / name).is_file() and (not self.record.files or name in self.record.files)
+
     def read_scene(self, folder: Path | None = None, *, whole: bool = False) -> Scene:
         """The run's scene with its truth, as it was captured, or ``whole``: from ``folder``, or where the run found it.
 
@@ -91,7 +95,7 @@ class Recovered:
             return torch.from_numpy(read_exr(self.folder / f"{name}.exr", channels)).to(stage.device)
 
         def optional(name: str, channels: int) -> torch.Tensor | None:
-            return texture(name, channels) if (self.folder / f"{name}.exr").is_file() else None
+            return texture(name, channels) if self.has(f"{name}.exr") else None
 
         assumed = frozenset[str]()
         if self.config.method.target == registry.built_in("method")["asset"].target:  # whose mesh may be another one
@@ -151,7 +155,7 @@ class Rescorer:
                 return place
             write_bundle(kept, self._scene, self._scorer.drawn, scale, title, progress)
             for name in ASSETS:
-                if (folder / name).is_file():
+                if run.has(name):
                     kept.write_bytes(name, (folder / name).read_bytes())
             origin: dict[str, str | None] = {"config_hash": record.config_hash, "protocol": record.protocol}
             origin |= {"commit": record.environment.get("commit"), "scored_by_commit": commit()}

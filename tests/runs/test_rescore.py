@@ -5,16 +5,19 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from coarse import COARSE
 
 from ia_bench.cli.rescore import main
 from ia_bench.common.errors import InputError
+from ia_bench.facade import Fit
 from ia_bench.report.collect import collect
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
 from ia_bench.runs.recovered import Recovered, Rescorer
+from ia_bench.scenes.exr import write_exr
 from ia_bench.scores.protocol import Protocol
 
 SCORES = ("metrics", "variants", "per_image", "reasons", "counts", "albedo_scales", "protocol", "protocol_description", "renderer")
@@ -91,6 +94,15 @@ def test_what_cannot_be_scored_is_named(ceiling: Path, old_run: Path, tmp_path: 
     assert capsys.readouterr().out == "", "what lies in the folder for new runs is not scored again"
     assert main([str(old_run), "--out", str(tmp_path / "new"), "--protocol", "papr"]) == 2
     assert not list((tmp_path / "new").rglob("*.json"))
+
+
+def test_a_texture_that_another_run_left_is_none_of_the_run(old_run: Path, ceiling: Path, tmp_path: Path) -> None:
+    """As one with a metallic texture leaves it that fails behind its fit, before the same folder is used without metal."""
+    write_exr(old_run / "metallic.exr", np.ones((8, 8), np.float32), half=False)
+    again = Rescorer().rescore(old_run, small(), tmp_path)
+    assert record(again)["metrics"] == record(ceiling)["metrics"]
+    assert not (again / "metallic.exr").exists()
+    assert Fit(old_run).metallic is None
 
 
 def test_nothing_of_a_scene_that_cannot_be_scored_is_kept(ceiling: Path, tmp_path: Path) -> None:
