@@ -12,7 +12,8 @@ from pydantic import Field
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import files_below, user_path
-from ia_bench.geometry.mesh import load_mesh, named_by_gltf
+from ia_bench.geometry.mesh import load_mesh
+from ia_bench.geometry.mesh_files import named_by_gltf
 from ia_bench.readers.cameras import expect_looking_at_object
 from ia_bench.readers.contract import MESHES, NO_MESH
 from ia_bench.readers.pictures import SUFFIXES

@@ -19,7 +19,8 @@ import torch
 from PIL import Image
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.mesh import joined_normals, sound_mesh, turned_normals, unwrap, wound
+from ia_bench.geometry.mesh import sound_mesh, unwrap
+from ia_bench.geometry.mesh_files import joined_normals, turned_normals, wound
 from ia_bench.light.environment import turned
 from ia_bench.material.textures import fetch
 from ia_bench.render.asset_parts import OUTSIDE, Note, Part, Surface, read_parts

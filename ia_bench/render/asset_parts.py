@@ -25,7 +25,7 @@ from PIL import Image
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, is_file, shown
-from ia_bench.geometry.mesh import (
+from ia_bench.geometry.mesh_files import (
     expect_plain_gltf,
     gltf_header,
     named_by_gltf,

@@ -1,0 +1,164 @@
+"""What trimesh makes of a mesh's file: its parts as they are stored and placed, and what it would leave out without a word."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import struct
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
+
+import numpy as np
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import is_file, read_json, shown
+
+if TYPE_CHECKING:
+    import trimesh
+
+EXTENSIONS = ("KHR_materials_", "KHR_texture_transform", "EXT_texture_webp")
+"""How extensions begin that a glTF may require: they are of materials alone, which are no part of a mesh."""
+FAN, FLOAT = 6, 5126  # as the specification of glTF numbers them
+
+
+def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa: ANN401 (a trimesh.Trimesh or Scene)
+    """What trimesh makes of a file, or of ``content`` in its place: parts, materials and places as they are stored.
+
+    Raises InputError for what is no readable mesh.
+    """
+    if not is_file(path):
+        raise InputError(f"{shown(path)}: no such mesh")
+    import trimesh
+
+    class Beside(trimesh.resolvers.FilePathResolver):
+        """What the file refers to, such as materials: files alone, since a pipe could be waited for without an end."""
+
+        def absolute(self, name: str) -> Path:
+            found = Path(super().absolute(name))
+            if found.exists() and not found.is_file():
+                raise InputError(f"{shown(found)}: expected a file, found none")
+            return found
+
+    if path.suffix.lower() == ".obj" and re.search(rb"^f\b[^\n]*[\s/]0+(?![0-9])", path.read_bytes(), re.MULTILINE):
+        raise InputError(f"{path}: expected faces of vertices that are counted from 1, found vertex 0")
+    source = path if content is None else io.BytesIO(content)
+    kind = path.suffix.lower().removeprefix(".")
+    options: Any = {"process": False, "fix_texture": _uv_per_face(path), "resolver": Beside(str(path))}
+    logger, was = trimesh.util.log, trimesh.util.log.disabled
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of numpy and Pillow: what is wrong with a file is said in a sentence of ours
+            logger.disabled = True  # and a texture that is not there, of which it would print a traceback, is no part of a mesh
+            return trimesh.load(source, file_type=kind, **options)
+    except Exception as error:  # trimesh raises whatever its parsers raise
+        raise _unreadable(path, error) from None
+    finally:
+        logger.disabled = was
+
+
+def gltf_header(path: Path) -> tuple[dict[str, Any], bytes]:
+    """The JSON of a glTF file, and the chunks behind it in a .glb. Raises InputError."""
+    if path.suffix.lower() == ".gltf":
+        return read_json(path), b""
+    content = path.read_bytes()
+    try:
+        magic, version, _, size, kind = struct.unpack_from("<4sIII4s", content)
+        if (magic, version, kind) != (b"glTF", 2, b"JSON"):
+            raise ValueError
+        header = json.loads(content[20 : 20 + size])
+        if not isinstance(header, dict):
+            raise ValueError
+    except (struct.error, ValueError, RecursionError):
+        raise InputError(f"{path}: expected a binary glTF 2.0 file, found another or a damaged one") from None
+    return header, content[20 + size :]
+
+
+def expect_plain_gltf(path: Path, header: Mapping[str, Any], *, uv: bool = True) -> None:
+    """Raise InputError for geometry that trimesh leaves out, or takes for something else without a word.
+
+    ``uv``: whether texture coordinates count.
+    """
+    found = [name for name in header.get("extensionsRequired", []) if not name.startswith(EXTENSIONS)]
+    accessors = dict(enumerate(header.get("accessors", [])))
+    for primitive in (one for mesh in header.get("meshes", []) for one in mesh.get("primitives", [])):
+        stored = {name: accessors.get(number, {}) for name, number in primitive.get("attributes", {}).items()}
+        whole = uv and stored.get("TEXCOORD_0", {}).get("componentType", FLOAT) != FLOAT
+        sparse = any("sparse" in accessor for accessor in stored.values())
+        found += ["whole numbers for TEXCOORD_0"] * whole + ["sparse accessors"] * sparse
+        found += ["triangle fans"] * (primitive.get("mode") == FAN)
+    if found:
+        expected = "expected triangles with plain coordinates in floating point, as exporters write them without compression"
+        raise InputError(f"{path}: {expected}, found {', '.join(dict.fromkeys(found))}")
+
+
+def named_by_gltf(path: Path, *kinds: str) -> list[Path]:
+    """The files beside a .gltf that it names as "buffers" or "images"; none of another file, or of one that cannot be read."""
+    try:
+        listed = [one for kind in kinds for one in read_json(path).get(kind, [])] if path.suffix.lower() == ".gltf" else []
+        uris = [str(one.get("uri", "data:")) for one in listed]
+        return [file for uri in uris if not uri.startswith("data:") and (file := path.parent / unquote(uri)).is_file()]
+    except (InputError, OSError, TypeError, AttributeError, ValueError):  # told when it is read
+        return []
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    return InputError(f"{path}: not a readable mesh ({type(error).__name__}: {error})")
+
+
+def stored_normals(part: trimesh.Trimesh) -> np.ndarray | None:
+    """The normals (V, 3) that a file gives its mesh. The public attribute would compute some where there are none."""
+    stored: np.ndarray | None = part._cache.cache.get("vertex_normals")
+    return stored
+
+
+def placed_parts(parts: trimesh.Scene) -> list[tuple[trimesh.Trimesh, np.ndarray, np.ndarray | None]]:
+    """Every mesh of a file, with the matrix (4, 4) that places it, and its stored normals (V, 3).
+
+    Those are placed, too; None for a part without normals: trimesh itself drops the normals of parts that it moves.
+    """
+    import trimesh
+
+    found = []
+    for node in parts.graph.nodes_geometry:
+        matrix, name = parts.graph[node]
+        part = parts.geometry[name]
+        if isinstance(part, trimesh.Trimesh):  # not points or lines, which are no part of the mesh
+            stored = stored_normals(part)
+            found.append((part, matrix, None if stored is None else turned_normals(stored, matrix)))
+    return found
+
+
+def wound(faces: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """The faces with the order of their corners turned round where a matrix mirrors them."""
+    return np.asarray(faces)[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else np.asarray(faces)
+
+
+def turned_normals(normals: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Unit normals (V, 3) where a matrix (4, 4) moves their surface."""
+    turned = np.asarray(normals) @ np.linalg.pinv(matrix[:3, :3])
+    return turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12)
+
+
+def joined_normals(counts: Sequence[int], normals: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    """The normals of parts of so many vertices as one array, NaN for parts that have none, and None if no part has any."""
+    if all(stored is None for stored in normals):
+        return None
+    pairs = zip(counts, normals, strict=True)
+    return np.concatenate([np.full((count, 3), np.nan) if stored is None else stored for count, stored in pairs])
+
+
+def _uv_per_face(path: Path) -> bool:
+    """Whether trimesh must split vertices by UV. Elsewhere it must not: it drops vertices, and all stored normals."""
+    return b" texcoord" in ply_header(path)
+
+
+def ply_header(path: Path) -> bytes:
+    """What a PLY file says of its content; nothing for a file of another format."""
+    if path.suffix.lower() != ".ply":
+        return b""
+    with path.open("rb") as file:
+        return file.read(65536).split(b"end_header")[0]
