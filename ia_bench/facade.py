@@ -20,7 +20,7 @@ from PIL import Image
 from ia_bench.capture.capture import captured
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import log
-from ia_bench.common.files import user_path
+from ia_bench.common.files import shown, user_path
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.registry import process_state_kept
@@ -148,8 +148,9 @@ class Fit(Recovered):
             samples: Directions of light a pixel.
 
         Raises:
-            InputError: There is no such light, or none was recovered.
+            InputError: There is no such light, none was recovered, or ``samples`` is none.
         """
+        _expect_some(samples=samples)
         found, texels = self._textured, None if light is None else self._texels(light)
         environment = None if texels is None else LatLongEnvironment(torch.from_numpy(texels).to(found.device))
         with process_state_kept():
@@ -166,6 +167,7 @@ class Fit(Recovered):
         ``light`` and ``samples`` as in :meth:`render`; ``view``: the name of a view of the scene, as "test/0001", or "still",
         from the side and above; ``size``: height in pixels; ``background``: "transparent", "light" or "white".
         """
+        _expect_some(size=size, samples=samples)
         frames = frames_of(view, 1, self.scene.expect_mesh(), self.scene, size)
         with process_state_kept():
             pictures, _ = draw(self._textured, self._texels(light), frames, background=background, quality=Quality(3, samples))
@@ -179,7 +181,8 @@ class Fit(Recovered):
         if not asset.is_file():
             raise InputError(f"{asset}: expected the textures of the run, found none: method={self.config.method.name} leaves none")
         make_writable(path.parent, str(path))
-        shutil.copyfile(asset, path)
+        if path.resolve() != asset.resolve():
+            shutil.copyfile(asset, path)
         return path
 
     def _map(self, name: str, channels: int) -> np.ndarray | None:
@@ -263,6 +266,13 @@ def table(runs: Sequence[Fit | str | Path]) -> pd.DataFrame:
         for folder, cell in found.items():  # a fit may lie in a folder that is searched, too
             folders[folder.resolve()] = cell or folders.get(folder.resolve())
     return collect(folders).runs.reindex(columns=list(SHOWN)).dropna(axis=1, how="all")
+
+
+def _expect_some(**counts: int) -> None:
+    """Raise InputError for one that is no whole number above 0."""
+    for name, count in counts.items():
+        if not isinstance(count, int) or count < 1:
+            raise InputError(f"{name}: expected a whole number above 0, found {shown(repr(count))}")
 
 
 def _overrides(settings: Mapping[str, Any]) -> list[str]:

@@ -63,6 +63,9 @@ def test_a_light_is_a_name_a_file_or_an_array(fit: ib.Fit, scene: ib.LoadedScene
     ):
         with pytest.raises(ib.InputError, match=said):
             fit.render(camera, wrong)
+    for call, named in ((fit.render, {"samples": 0}), (fit.relight, {"samples": -1}), (fit.relight, {"size": 0})):
+        with pytest.raises(ib.InputError, match=f"{[*named][0]}: expected a whole number above 0, found"):
+            call(camera if call == fit.render else name, **named)
 
 
 def test_a_fit_is_found_from_another_folder(fit: ib.Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,6 +77,7 @@ def test_a_fit_is_found_from_another_folder(fit: ib.Fit, tmp_path: Path, monkeyp
 
 def test_the_asset_is_a_glb(fit: ib.Fit, tmp_path: Path) -> None:
     assert fit.save(tmp_path / "new" / "asset.glb").read_bytes() == (fit.folder / "asset.glb").read_bytes()
+    assert fit.save(fit.folder / "asset.glb").read_bytes() == (tmp_path / "new" / "asset.glb").read_bytes(), "onto itself"
     with pytest.raises(ib.InputError, match="expected a name that ends with .glb, found .obj"):
         fit.save(tmp_path / "asset.obj")
 
