@@ -3,7 +3,7 @@
 import torch
 import warp as wp
 
-from ia_bench.common.native import MATH
+from ia_bench.common.native import MATH, WIDTH, native
 from ia_bench.common.warp_launch import launch
 from ia_bench.common.warp_math import unit
 from ia_bench.light.latlong import LatLongSampler, sampling_grid
@@ -19,7 +19,7 @@ CPU = torch.device("cpu")
 def _kernel_of(code: str) -> wp.Kernel:
     """A kernel that runs native ``code`` for vectors a, b and c, numbers u (float64), and whole numbers i and j, of every item."""
 
-    @wp.func_native(MATH + DIRECTIONS + SAMPLING + BRDF + code)
+    @wp.func_native(native(WIDTH, LANES=1) + MATH + DIRECTIONS + SAMPLING + BRDF + code)
     def run(tables: Tables, a: wp.vec3, b: wp.vec3, c: wp.vec3, u: wp.vec3d, i: int, j: int) -> wp.vec4: ...
 
     @wp.kernel(enable_backward=False)
@@ -36,7 +36,7 @@ def _kernel_of(code: str) -> wp.Kernel:
 _POINT = "const Seen point = seen_point(Vec(a[0], a[1], a[2]), Vec(b[0], b[1], b[2]), (float)(u[0] * u[0]));"
 _VECTOR = "return wp::vec4(found.x, found.y, found.z, 0.0f);"
 _BIN = _kernel_of("return wp::vec4((float)normal_bin(Vec(a[0], a[1], a[2])));")
-_TEXEL = _kernel_of("return wp::vec4((float)sample_texel(i, u[0]));")
+_TEXEL = _kernel_of("const double at = u[0]; int found; sample_texels(&i, &at, &found); return wp::vec4((float)found);")
 _DENSITY = _kernel_of("return wp::vec4(density(i, j));")
 _TO_DIRECTION = _kernel_of(
     f"const Vec found = texel_to_direction(j, (float)u[0], (float)u[1], tables.heights.data, tables.width); {_VECTOR}"

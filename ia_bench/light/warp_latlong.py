@@ -88,30 +88,47 @@ DIRECTIONS = native(
 )
 SAMPLING = native(
     """
-    // The first place in [first, last) whose entry is above value, or last. A step moves or does not without a jump: processors
-    // guess every other such jump wrongly, which takes longer than the step.
-    const auto first_above = [](const double* sorted, int first, int last, double value) {
-        int low = first;
-        for (int left = last - first; left > 0;) {
-            const int half = (left + 1) >> 1;
-            low = sorted[low + half - 1] > value ? low : low + half;
-            left -= half;
+    // Of each lane the first place from low on whose entry is above value, of so many that are left, or the one behind them. All
+    // lanes take a step together, and without a jump: of a step alone most of the time is waiting for its entry.
+    const auto first_above = [](const double* sorted, int* low, int* left, const double* value) {
+        for (int longest = 1; longest > 0;) {
+            longest = 0;
+            for (int i = 0; i < lanes; ++i) {
+                const int half = (left[i] + 1) >> 1, last = low[i] + half - 1;
+                low[i] = sorted[last > 0 ? last : 0] > value[i] ? low[i] : low[i] + half;
+                left[i] -= half;
+                longest = longest > left[i] ? longest : left[i];
+            }
         }
-        return low;
     };
-    const auto sample_texel = [&tables, first_above, within](int cell, double u) {  // of the normals of a cell, u uniform in [0, 1)
-        const int count = 2 * tables.blocks, begin = cell * count;
-        const int* guide = tables.guide.data + cell * ($GUIDE + 1) + within((int)(u * $GUIDE), $GUIDE);
-        const double target = (double)cell + u, below = 1.0 - 1.0 / 1099511627776.0;
-        const int last = guide[1] < begin + count ? guide[1] : begin + count;
-        const int entry = within(first_above(tables.entries.data, guide[0], last, target) - 1 - begin, count);
-        const double *entries = tables.entries.data + begin + entry, *edges = tables.edges.data + entry;
-        double rest = (target - entries[0]) / (entries[1] - entries[0]);  // uniform again, inside the entry
-        rest = rest < 0.0 ? 0.0 : rest < below ? rest : below;
-        const bool second = entry >= tables.blocks;
-        const int block = second ? entry - tables.blocks : entry, half = second ? (int)tables.order.shape[0] : 0;
-        const int first = half + (block > 0 ? tables.end.data[block - 1] : 0), end = half + tables.end.data[block] - 1;
-        return tables.order.data[first_above(tables.texels.data, first, end, edges[0] + rest * (edges[1] - edges[0])) - half];
+    // Texels for the normals of cells, u uniform in [0, 1).
+    const auto sample_texels = [&tables, first_above, within](const int* cell, const double* u, int* texel) {
+        const int count = 2 * tables.blocks;
+        int left[lanes], half[lanes];
+        double target[lanes];
+        for (int i = 0; i < lanes; ++i) {
+            const int* guide = tables.guide.data + cell[i] * ($GUIDE + 1) + within((int)(u[i] * $GUIDE), $GUIDE);
+            const int end = (cell[i] + 1) * count;
+            target[i] = (double)cell[i] + u[i];
+            texel[i] = guide[0];
+            left[i] = (guide[1] < end ? guide[1] : end) - guide[0];
+        }
+        first_above(tables.entries.data, texel, left, target);
+        for (int i = 0; i < lanes; ++i) {
+            const int entry = within(texel[i] - 1 - cell[i] * count, count);
+            const double *entries = tables.entries.data + cell[i] * count + entry, *edges = tables.edges.data + entry;
+            const double below = 1.0 - 1.0 / 1099511627776.0;
+            double rest = (target[i] - entries[0]) / (entries[1] - entries[0]);  // uniform again, inside the entry
+            rest = rest < 0.0 ? 0.0 : rest < below ? rest : below;
+            target[i] = edges[0] + rest * (edges[1] - edges[0]);
+            const bool second = entry >= tables.blocks;
+            const int block = second ? entry - tables.blocks : entry;
+            half[i] = second ? (int)tables.order.shape[0] : 0;
+            texel[i] = half[i] + (block > 0 ? tables.end.data[block - 1] : 0);
+            left[i] = half[i] + tables.end.data[block] - 1 - texel[i];
+        }
+        first_above(tables.texels.data, texel, left, target);
+        for (int i = 0; i < lanes; ++i) texel[i] = tables.order.data[texel[i] - half[i]];
     };
     const auto density = [&tables](int cell, int texel) {  // per steradian, with which a texel is drawn for the normals of a cell
         const float bound = tables.bound.data[cell * tables.blocks + tables.block.data[texel]];

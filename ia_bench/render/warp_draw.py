@@ -56,23 +56,24 @@ _DRAW = native(
         const bool by_light = k < count;
         const int entry = by_light ? k : k - count;
         double u[lanes];
-        float v[lanes], w[lanes];
+        float v[lanes], w[lanes], around[lanes];
         for (int i = 0; i < lanes; ++i) {
             const double index = first[i] + stride * entry;
             const double* rotation = rotations.data[(by_light ? 0 : pixels) + pixel[i]].c;
             u[i] = fraction(rotation[0] + index * spacing);
+            around[i] = (float)u[i];
             v[i] = (float)fraction(rotation[1] + index * $GOLDEN);
             w[i] = (float)fraction(rotation[2] + index * $PLASTIC);
         }
         if (by_light) {
             int drawn[lanes];
-            for (int i = 0; i < lanes; ++i) drawn[i] = sample_texel(cell[i], u[i]);
+            sample_texels(cell, u, drawn);
             for (int i = 0; i < lanes; ++i)
                 keep(i, point_of(which[i]), texel_to_direction(drawn[i], v[i], w[i], tables.heights.data, tables.width), drawn[i]);
         } else {
             for (int i = 0; i < lanes; ++i) {
                 const Seen point = point_of(which[i]);
-                const Vec direction = sample_visible_ggx(point, (float)u[i], v[i]);
+                const Vec direction = sample_visible_ggx(point, around[i], v[i]);
                 keep(i, point, direction, direction_to_texel(direction, tables.height, tables.width));
             }
         }
