@@ -14,7 +14,8 @@ from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
-from ia_bench.render.renderer import BrdfRayCache, texture_images
+from ia_bench.render.light_rays import LightRays
+from ia_bench.render.renderer import CHUNK, PASS_SAMPLES, BrdfRayCache, texture_images
 from ia_bench.render.settings import REFERENCE, REFERENCE_ATLAS, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
 from ia_bench.render.stage import Stage, camera_key
 from ia_bench.scenes.images import Images
@@ -185,13 +186,23 @@ class TexturedReconstruction:
         turning = chosen.turning if isinstance(chosen, LatLongEnvironment) else None
         sampled = SampledLight.of(texels.to(device), turning=turning)
         renderer = self._stage.renderer(shadows="traced", bounces=self._bounces, coat=self._coat, atlas_size=REFERENCE_ATLAS)
-        renderer = renderer.keeping_rays(self._rays_of(cameras, quality, turning))
+        light_rays = self._light_rays_of(cameras, quality, chosen)
+        renderer = renderer.keeping_rays(self._rays_of(cameras, quality, turning), light_rays)
         generator = torch.Generator(device=device).manual_seed(quality.seed)
         images, coverage = [], []
         for gbuffer in self._stage.gbuffers(cameras, quality.points):
             images += _arrays(renderer.render_images(gbuffer, material, sampled, quality.samples, generator)["radiance"])
             coverage += _arrays(gbuffer.coverage())
+        if light_rays is not None:
+            light_rays.end()
         return Images(tuple(images), tuple(coverage))
+
+    def _light_rays_of(self, cameras: Sequence[Camera], quality: Quality, light: Environment) -> LightRays | None:
+        """What the cache knows of this picture; None for a light that is no scene's."""
+        if not isinstance(light, LatLongEnvironment) or not light.name:
+            return None
+        picture = [camera_key(camera) for camera in cameras], quality, CHUNK, PASS_SAMPLES
+        return LightRays(self.mesh, light.texels, picture, self.device)
 
     def _rays_of(self, cameras: Sequence[Camera], quality: Quality, turning: TurningLight | None) -> BrdfRayCache:
         """What the last picture's directions by the BRDF met, if it was the same under another light."""

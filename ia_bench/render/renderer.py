@@ -13,6 +13,7 @@ from ia_bench.material.textures import Material
 from ia_bench.render.estimator import DirectionSamples, PixelRadiance, draw_samples, shade_samples
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 from ia_bench.render.indirect import IndirectLight, Interreflection
+from ia_bench.render.light_rays import LightRays
 from ia_bench.render.rays import RayCaster
 from ia_bench.render.turns import TURNS, in_the_light, spread_turns, turns_of
 
@@ -70,11 +71,15 @@ class Renderer:
     ) -> None:
         self.surface, self.rays, self.interreflection, self.coat = surface, rays, interreflection, coat
         self.ray_cache: BrdfRayCache | None = None
+        self.light_rays: LightRays | None = None
 
-    def keeping_rays(self, cache: BrdfRayCache) -> Renderer:
-        """The same renderer for one picture under several lights: the first fills the cache, and the others use it."""
+    def keeping_rays(self, cache: BrdfRayCache, light_rays: LightRays | None) -> Renderer:
+        """The same renderer for one picture under several lights: the first fills the cache, and the others use it.
+
+        ``light_rays``: what is kept of this picture from run to run, None for a light that is of one run alone.
+        """
         renderer = copy(self)
-        renderer.ray_cache = cache
+        renderer.ray_cache, renderer.light_rays = cache, light_rays
         return renderer
 
     def blocked(self, points: SurfacePoints, direction: Tensor, asked: Tensor) -> Tensor:
@@ -171,11 +176,19 @@ class Renderer:
     def _in_the_way(self, surface: SurfacePoints, drawn: DirectionSamples, count: int) -> tuple[Tensor, Tensor | None]:
         """Whether the object blocks each sample, (N, 2 count) bool, and what of it the directions by the BRDF see, (N, count)."""
         asked = drawn.texel >= 0
-        known = None if self.ray_cache is None else self.ray_cache.known()
-        if known is not None:
-            by_light = self.blocked(surface, drawn.direction[:, :count].contiguous(), asked[:, :count])
-            return torch.cat([by_light, known[0]], 1), known[1]
-        blocked, seen = self.blocked(surface, drawn.direction, asked), None
+        by_light = None if self.light_rays is None else self.light_rays.known(count)
+        by_brdf, seen = (None if self.ray_cache is None else self.ray_cache.known()) or (None, None)
+        for known, samples in ((by_light, slice(count)), (by_brdf, slice(count, None))):
+            if known is not None:
+                asked[:, samples] = False
+        blocked = self.blocked(surface, drawn.direction, asked)
+        if by_light is not None:
+            blocked[:, :count] = by_light
+        elif self.light_rays is not None:
+            self.light_rays.keep(blocked[:, :count])
+        if by_brdf is not None:
+            blocked[:, count:] = by_brdf
+            return blocked, seen
         if self.interreflection is not None:
             seen = self.interreflection.seen(surface, drawn.direction[:, count:], blocked[:, count:])
         if self.ray_cache is not None:
