@@ -17,8 +17,9 @@ from ia_bench.light.warp_latlong import tables_of
 from ia_bench.material.brdf import GOLDEN, PLASTIC, coat_reflectance
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import SurfacePoints
-from ia_bench.render.kernels import shade, shade_adjoint
+from ia_bench.render.kernels import shade_adjoint
 from ia_bench.render.warp_draw import draw
+from ia_bench.render.warp_shade import shade
 
 
 @dataclass(frozen=True)
@@ -147,13 +148,14 @@ def _flat(texture: Tensor, channels: int) -> Tensor:
 
 
 class _Shade(torch.autograd.Function):
-    """:func:`ia_bench.render.kernels.shade` and its adjoint."""
+    """:func:`ia_bench.render.warp_shade.shade` and its adjoint."""
 
     @staticmethod
     def forward(ctx: Any, fixed: tuple[Any, ...], *leaves: Tensor | None) -> tuple[Tensor, ...]:  # noqa: ANN401 (torch's context)
         normals = fixed[3]
         results = tuple(torch.empty_like(normals) for _ in range(4))
-        launch(shade, len(normals), *leaves, *fixed, *results, device=normals.device)
+        lanes = LANES if normals.device.type == "cpu" else 1
+        launch(shade, -(-len(normals) // lanes), *leaves, *fixed, *results, device=normals.device)
         ctx.save_for_backward(*leaves)
         ctx.fixed = fixed
         return results

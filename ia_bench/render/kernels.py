@@ -1,9 +1,10 @@
 """The Monte-Carlo estimator of the paper's equation 3 as Warp kernels: light and BRDF samples joined by the balance heuristic.
 
-Samples are drawn by :mod:`ia_bench.render.warp_draw`. Directions, densities and visibility carry no gradient: gradients flow
-through the radiance of the light, the albedo, and the BRDF's value only ("detached" sampling).
+Samples are drawn by :mod:`ia_bench.render.warp_draw` and summed by :mod:`ia_bench.render.warp_shade`. Directions, densities and
+visibility carry no gradient: gradients flow through the radiance of the light, the albedo, and the BRDF's value only ("detached"
+sampling).
 
-:func:`shade_adjoint` is written by hand: what Warp 1.19 derives of :func:`shade` takes several times as long and loses a part of
+:func:`shade_adjoint` is written by hand: what Warp 1.19 derives of the sum takes several times as long and loses a part of
 the gradient of the albedo. Tests compare it with torch's.
 """
 
@@ -120,69 +121,6 @@ def first_row(firsts: wp.array(dtype=int), n: int) -> int:
 
 
 @wp.kernel
-def shade(
-    first: int, radiance: wp.array(dtype=wp.vec3), albedo: wp.array(dtype=wp.vec3), roughness: wp.array(dtype=float),
-    metallic: wp.array(dtype=float), arriving: wp.array(dtype=wp.vec3), leaving: wp.array(dtype=wp.vec3),
-    steady: wp.array(dtype=wp.vec3), albedo_side: int,
-    roughness_side: int, metallic_side: int, normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3),
-    uvs: wp.array(dtype=wp.vec2), fronts: wp.array(dtype=float), texels: wp.array2d(dtype=int), terms: wp.array2d(dtype=wp.vec4),
-    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), firsts: wp.array(dtype=int), count: int,
-    atlas: wp.array(dtype=int), atlas_side: int,
-    coat: wp.array(dtype=float), coat_side: int, diffuse: wp.array(dtype=wp.vec3), specular: wp.array(dtype=wp.vec3),
-    mirrored: wp.array(dtype=wp.vec3), albedos: wp.array(dtype=wp.vec3),
-):  # fmt: skip
-    """Sum the weighted samples of a point. A side of 0 means that there is no such texture, atlas or table.
-
-    ``seen`` says which row of ``leaving`` each direction by the BRDF ends on, -1 for none, and ``firsts``, if it is there, which
-    row of ``arriving`` is the first of the atlas for a point. ``steady``, if it is there, is irradiance that no sample estimates.
-    """
-    n = first + wp.tid()
-    uv = uvs[n]
-    colour = fetch_at(albedo, bilinear_taps(uv, albedo_side, albedo_side))
-    metal = float(0.0)
-    if metallic_side > 0:
-        metal = fetch_at(metallic, bilinear_taps(uv, metallic_side, metallic_side))
-    at_normal = _DIELECTRIC * (1.0 - metal) + metal * colour
-    irradiance = wp.vec3(0.0, 0.0, 0.0)
-    base = wp.vec3(0.0, 0.0, 0.0)
-    grazing = wp.vec3(0.0, 0.0, 0.0)
-    for k in range(2 * count):
-        texel = texels[n, k]
-        if texel >= 0:
-            incoming = radiance[texel]
-            term = terms[n, k]
-            irradiance += incoming * term[0]
-            base += incoming * (term[1] * (1.0 - term[3]))
-            grazing += incoming * (term[1] * term[3])
-        elif texel < -1:  # in no sight, but the control has it
-            irradiance += radiance[-2 - texel] * terms[n, k][0]
-    if steady.shape[0] > 0:
-        irradiance += steady[n]
-    base_of_object = wp.vec3(0.0, 0.0, 0.0)
-    grazing_of_object = wp.vec3(0.0, 0.0, 0.0)
-    if atlas_side > 0:
-        taps = bilinear_taps(uv, atlas_side, atlas_side)
-        start = first_row(firsts, n)
-        for t in range(4):
-            irradiance += arriving[start + atlas[taps.index[t]]] * (taps.weight[t] * fronts[n])
-        for k in range(count):
-            texel = seen[n, k]
-            if texel >= 0:
-                term = terms[n, count + k]
-                incoming = leaving[texel] * (term[1] * boosts[n, k])
-                base_of_object += incoming * (1.0 - term[3])
-                grazing_of_object += incoming * term[3]
-    passed = float(1.0)
-    if coat_side > 0:
-        rough = fetch_at(roughness, bilinear_taps(uv, roughness_side, roughness_side))
-        passed = 1.0 - fetch_at(coat, coat_taps(rough, wp.dot(normals[n], views[n]), coat_side))
-    diffuse[n] = wp.cw_mul(colour, irradiance) * ((1.0 - metal) * passed / _PI)
-    specular[n] = wp.cw_mul(at_normal, base) + grazing
-    mirrored[n] = wp.cw_mul(at_normal, base_of_object) + grazing_of_object
-    albedos[n] = colour
-
-
-@wp.kernel
 def shade_adjoint(
     first: int, radiance: wp.array(dtype=wp.vec3), albedo: wp.array(dtype=wp.vec3), roughness: wp.array(dtype=float),
     metallic: wp.array(dtype=float), arriving: wp.array(dtype=wp.vec3), leaving: wp.array(dtype=wp.vec3),
@@ -196,7 +134,7 @@ def shade_adjoint(
     of_albedos: wp.array(dtype=wp.vec3), of_roughness: wp.array(dtype=float), of_metallic: wp.array(dtype=float),
     of_arriving: wp.array(dtype=wp.vec3), of_leaving: wp.array(dtype=wp.vec3), of_steady: wp.array(dtype=wp.vec3),
 ):  # fmt: skip
-    """Add to the gradients of all that :func:`shade` is differentiable in, by the gradients of its results.
+    """Add to the gradients of all that the sum is differentiable in, by the gradients of its results.
 
     Written for results R = colour * irradiance * q + at_normal * base + grazing, with q = (1 - metallic) * passed / pi, of
     which ``irradiance``, ``base`` and ``grazing`` are sums over samples.
