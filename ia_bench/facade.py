@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from numbers import Integral
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -178,10 +179,10 @@ class Fit(Recovered):
         path, asset = Path(path), self.folder / "asset.glb"
         if path.suffix.lower() != ".glb":
             raise InputError(f"{path}: expected a name that ends with .glb, found {path.suffix or 'none'}")
-        if not asset.is_file():
+        if not self.has("asset.glb"):
             raise InputError(f"{asset}: expected the textures of the run, found none: method={self.config.method.name} leaves none")
         make_writable(path.parent, str(path))
-        if path.resolve() != asset.resolve():
+        if not (path.exists() and path.samefile(asset)):
             shutil.copyfile(asset, path)
         return path
 
@@ -268,10 +269,10 @@ def table(runs: Sequence[Fit | str | Path]) -> pd.DataFrame:
     return collect(folders).runs.reindex(columns=list(SHOWN)).dropna(axis=1, how="all")
 
 
-def _expect_some(**counts: int) -> None:
+def _expect_some(**counts: object) -> None:
     """Raise InputError for one that is no whole number above 0."""
     for name, count in counts.items():
-        if not isinstance(count, int) or count < 1:
+        if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
             raise InputError(f"{name}: expected a whole number above 0, found {shown(repr(count))}")
 
 

@@ -27,7 +27,7 @@ from ia_bench.geometry.refinement import surface_from_images
 from ia_bench.scenes.photograph import read_stored
 from ia_bench.scenes.scene import Mesh, Scene, View
 
-VERSION = 2  # of how a mesh is made: those that another one made are not taken from the cache
+VERSION = 3  # of how a mesh is made: those that another one made are not taken from the cache
 CAMERAS = "cameras"  # of the training views, where they have moved
 SETTING = "capture.sdf.normals"
 SUFFIXES = ".png", ".exr", ".npy"

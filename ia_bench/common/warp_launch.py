@@ -51,8 +51,10 @@ def _begin() -> None:
 _begin()
 
 
-def launch(kernel: wp.Kernel, count: int, *arguments: object, device: torch.device, sums: Sequence[Tensor | None] = ()) -> None:
-    """Run ``kernel`` for ``count`` items; it reads and writes tensors among its ``arguments`` in place.
+def launch(
+    kernel: wp.Kernel, count: int, *arguments: object, device: torch.device, lanes: int = 1, sums: Sequence[Tensor | None] = ()
+) -> None:
+    """Run ``kernel`` for ``count`` items, ``lanes`` of them at a time; it reads and writes tensors among ``arguments`` in place.
 
     A kernel's first parameter is the number of the first item of its range, which is given here. Tensors have to be contiguous
     and of the kernel's own types (a ``vec3`` is a last axis of 3, for instance).
@@ -60,7 +62,8 @@ def launch(kernel: wp.Kernel, count: int, *arguments: object, device: torch.devi
     Its last parameters are ``sums``, to which any item may add anywhere. Sums into one place by two threads would be lost, so every
     range but the first has some of its own, which are added at the end. None stands for a sum that the kernel leaves alone.
     """
-    share = max(LEAST_ITEMS, -(-count // (torch.get_num_threads() if device.type == "cpu" else 1)))
+    count = -(-count // lanes)
+    share = max(LEAST_ITEMS // lanes, -(-count // (torch.get_num_threads() if device.type == "cpu" else 1)))
     starts = range(0, count, share)
     own = [[s if first == 0 or s is None else torch.zeros_like(s) for s in sums] for first in starts]
 

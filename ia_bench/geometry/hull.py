@@ -147,8 +147,8 @@ def visual_hull(views: Sequence[View], cells: int, tolerated: int = 0) -> Distan
 
     ``tolerated``: how many views may see a point outside of their masks before it is cut away; the rest decide.
 
-    Raises InputError where no point is inside of all masks, and for one too far from the origin; OpenHullError where the masks
-    leave the object unbounded.
+    Raises InputError where no point is inside of all masks, or the object is too far from the origin; OpenHullError where the masks
+    leave it unbounded.
     """
     outlines = [(view.camera, torch.from_numpy(outline_distance(carving_mask(view)))) for view in views]
     low, high = _bounds(views, outlines, tolerated)

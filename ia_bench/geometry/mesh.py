@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 READ = "3"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
 FAR = 1e4  # sizes of an object from the origin: single precision, in which rays are traced, shifts its points by .0006 of it there
-BORDER = 1 / 128  # of a material's rectangle among texture coordinates, on each side: textures of neighbours are interpolated, too
+BORDER = 1 / 256  # of the whole square, around what each material has: look-ups between texels reach beyond it
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
 
 
@@ -99,7 +99,7 @@ def _joined_uv(parts: Sequence[trimesh.Trimesh], path: Path) -> tuple[np.ndarray
     if len(given) < len(parts):
         return None, 0
     materials = [getattr(part.visual, "material", None) for part in parts]
-    keys: list[object] = [(getattr(material, "name", None), hash(material)) for material in materials]
+    keys = [id(material) for material in materials]  # of a glTF, one object for each of its materials, named or not
     if path.suffix.lower() == ".obj":  # of which trimesh makes a part for each material, and drops its name if there is no MTL
         keys = list(range(len(parts)))
     places = {key: place for place, key in enumerate(dict.fromkeys(keys))}
@@ -107,8 +107,9 @@ def _joined_uv(parts: Sequence[trimesh.Trimesh], path: Path) -> tuple[np.ndarray
         return np.concatenate(given), 1
     columns = math.ceil(math.sqrt(len(places)))
     rows = math.ceil(len(places) / columns)
-    corners = [np.array(divmod(places[key], columns)[::-1]) for key in keys]
-    laid = [(corner + BORDER + (1 - 2 * BORDER) * uv) / (columns, rows) for corner, uv in zip(corners, given, strict=True)]
+    corners, size = [np.array(divmod(places[key], columns)[::-1]) for key in keys], 1 / np.array([columns, rows])
+    border = np.minimum(BORDER, 0.25 * size)
+    laid = [corner * size + border + (size - 2 * border) * uv for corner, uv in zip(corners, given, strict=True)]
     return np.concatenate(laid), len(places)
 
 
@@ -182,7 +183,7 @@ def expect_near_origin(what: str, low: np.ndarray, high: np.ndarray) -> None:
     if distance > FAR * size:
         raise InputError(
             f"{what}: expected an object at most {FAR:g} times its size from the origin, found one of size {size:.3g} at distance "
-            f"{distance:.3g}; move cameras and mesh there, since numbers of single precision do not tell its points apart"
+            f"{distance:.3g}; move cameras and mesh to the origin, since numbers of single precision do not tell its points apart"
         )
 
 

@@ -3,9 +3,9 @@
 One ``transforms.json`` (nerfstudio, Instant-NGP) names the frames of each split under ``train_filenames``, ``val_filenames``
 and ``test_filenames``; without ``train_filenames`` all others are for training. ``transforms_train.json`` and
 ``transforms_test.json`` (NeRF's Blender scenes) are splits of their own. No photograph may be in both. Where none are for
-testing, every ``every``-th is held out. A mask is the picture's alpha, its ``mask_path``, or ``masks/NAME.png``; that of
-images/left/NAME.png may also be ``masks/left/NAME.png``. The ``exposure`` of a frame, time x ISO / F-number squared in any
-unit, replaces what EXIF says, of all photographs where one frame has it: EXIF's unit may be another.
+testing, every ``every``-th is held out, but a single one is fitted. A mask is the picture's alpha, its ``mask_path``, or
+``masks/NAME.png``; that of images/left/NAME.png may also be ``masks/left/NAME.png``. The ``exposure`` of a frame, time x ISO /
+F-number squared in any unit, replaces what EXIF says, of all photographs where one frame has it: EXIF's unit may be another.
 """
 
 from __future__ import annotations

@@ -103,9 +103,9 @@ def draw_samples(
     texel = torch.empty(n, 2 * count, dtype=torch.int32, device=device)
     terms, boost = torch.empty(n, 2 * count, 4, device=device), torch.empty(n, count, device=device)
     launch(
-        draw, -(-n // lanes), lanes, hit.view(torch.uint8), surface.normal, surface.view, surface.uv,
+        draw, n, lanes, hit.view(torch.uint8), surface.normal, surface.view, surface.uv,
         _flat(roughness, 1), len(roughness), rotation, tables_of(sampler), points, count, part, parts,
-        torch.empty(n, device=device), direction, texel, terms, boost, device=device,
+        torch.empty(n, device=device), direction, texel, terms, boost, device=device, lanes=lanes,
     )  # fmt: skip
     return DirectionSamples(direction, texel, terms, boost)
 
@@ -155,7 +155,7 @@ class _Shade(torch.autograd.Function):
         normals = fixed[3]
         results = tuple(torch.empty_like(normals) for _ in range(4))
         lanes = LANES if normals.device.type == "cpu" else 1
-        launch(shade, -(-len(normals) // lanes), *leaves, *fixed, *results, device=normals.device)
+        launch(shade, len(normals), *leaves, *fixed, *results, device=normals.device, lanes=lanes)
         ctx.save_for_backward(*leaves)
         ctx.fixed = fixed
         return results

@@ -6,6 +6,7 @@ does whether the object is in their way: a bit each.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,39 +16,47 @@ from torch import Tensor
 from ia_bench.common.cache import Cache, content_key, made_on
 from ia_bench.scenes.scene import Mesh
 
-VERSION = 1  # of what is kept
+VERSION = 2  # of what is kept
 MOST_BYTES = 4 * 2**20  # that are kept of a picture; a shipped scene takes .5 MB for each light and half of the samples
 
 
 class LightRays:
     """What the directions by the light meet in one picture, pass by pass (all of one size).
 
-    The first pass is traced in any case. Where it meets anything else than what was kept, by code that draws other directions or
-    by a processor that rounds differently, nothing of that is used.
+    With each pass the checksum of its points and directions is kept. From the first on that has others, by code or by a processor
+    that draws them otherwise, nothing of what was kept is used.
     """
 
     def __init__(self, mesh: Mesh, texels: Tensor, picture: Sequence[object], device: torch.device) -> None:
         """``picture`` tells apart, by its repr, what else decides the directions: views, quality, passes."""
         parts = repr((VERSION, *picture)), mesh.vertices, mesh.faces, mesh.normals, texels.cpu()
-        self._key = content_key(made_on(device.type, "light-rays"), *parts)
+        self._key, self._device = content_key(made_on(device.type, "light-rays"), *parts), device
         found = Cache().get(self._key)
-        self._kept = None if found is None else found[0]["blocked"]  # (passes, bytes), a bit for each direction
-        self._passes: list[Tensor] = []
+        self._kept = None if found is None else (found[0]["checksums"].tolist(), found[0]["blocked"])  # (passes,), (passes, bytes)
+        self._passes: list[Tensor] = []  # a bit for each direction
+        self._checksums: list[int] = []
 
-    def known(self, count: int) -> Tensor | None:
-        """Whether the object is in the way of the next pass's directions, (N, count) bool; None: they have to be traced."""
-        if self._kept is None or not self._passes:
+    def known(self, position: Tensor, direction: Tensor, texel: Tensor) -> Tensor | None:
+        """Whether the object is in the way of the next pass's directions, (N, K) bool; None where they have to be traced.
+
+        Those are (N, K, 3), from places (N, 3) to the ``texel`` (N, K) of the light, negative where none is asked about.
+        """
+        checksum, place, asked = 0, len(self._checksums), texel >= 0
+        for part in (asked, position[asked.any(1)], direction[asked]):  # of the others nothing is defined
+            checksum = zlib.crc32(part.cpu().numpy().tobytes(), checksum)
+        self._checksums.append(checksum)
+        if self._kept is None or place >= len(self._kept[0]) or self._kept[0][place] != checksum:
+            self._kept = None
             return None
-        self._passes.append(self._kept[len(self._passes)])
-        return torch.from_numpy(np.unpackbits(self._passes[-1].numpy()).view(bool).reshape(-1, count))
+        self._passes.append(self._kept[1][place])
+        bits = np.unpackbits(self._passes[-1].numpy(), count=texel.numel())
+        return torch.from_numpy(bits.view(bool).reshape(texel.shape)).to(self._device)
 
     def keep(self, blocked: Tensor) -> None:
-        """Take what a pass that was not known has met, (N, count) bool."""
+        """Take what a pass that was not known has met, (N, K) bool."""
         self._passes.append(torch.from_numpy(np.packbits(blocked.cpu().numpy())))
-        if self._kept is not None and not torch.equal(self._kept[0], self._passes[0]):
-            self._kept = None
 
     def end(self) -> None:
-        """Keep a picture that is drawn, unless it was known or is too large."""
-        if self._kept is None and sum(each.nbytes for each in self._passes) <= MOST_BYTES:
-            Cache().put(self._key, {"blocked": torch.stack(self._passes)})
+        """Keep a picture that is drawn, unless it was known, is empty, or too large."""
+        if self._kept is None and self._passes and sum(each.nbytes for each in self._passes) <= MOST_BYTES:
+            Cache().put(self._key, {"checksums": torch.tensor(self._checksums), "blocked": torch.stack(self._passes)})

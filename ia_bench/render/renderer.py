@@ -176,7 +176,8 @@ class Renderer:
     def _in_the_way(self, surface: SurfacePoints, drawn: DirectionSamples, count: int) -> tuple[Tensor, Tensor | None]:
         """Whether the object blocks each sample, (N, 2 count) bool, and what of it the directions by the BRDF see, (N, count)."""
         asked = drawn.texel >= 0
-        by_light = None if self.light_rays is None else self.light_rays.known(count)
+        toward_light = surface.position, drawn.direction[:, :count], drawn.texel[:, :count]
+        by_light = None if self.light_rays is None else self.light_rays.known(*toward_light)
         by_brdf, seen = (None if self.ray_cache is None else self.ray_cache.known()) or (None, None)
         for known, samples in ((by_light, slice(count)), (by_brdf, slice(count, None))):
             if known is not None:

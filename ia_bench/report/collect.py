@@ -60,7 +60,9 @@ CELL = ("row", "scene", "seed")
 MADE = ("preset", "command", "commit", "clean", "cpu", "config_hash")  # what says how a run was made
 TEXTS = ("row", "scene", "problem", "protocol", "sees_truth", "capture", *MADE)
 WHOLE = ("seed", "photographs", "threads", "peak_memory_bytes", "rays", "network_calls")
-KEPT = ("folder", "reasons", "curve", "curve_problem", "record", "setup")  # never written
+OF_A_FOLDER = ("folder", "curve", "curve_problem", "record", "setup")  # what no runs.csv holds
+KEPT = (*OF_A_FOLDER, "reasons")  # never written
+AGREEMENT = 1e-6  # of scores of one run in its folder and in a runs.csv, whose digits may have been cut
 SCORES = tuple(metric.column for metric in MEASURED)
 SPENT = ("seconds", "cpu_seconds", "load")
 OF_RECORD = (*CELL, "sees_truth", "preset", "threads")  # columns that stand in every record by their names
@@ -81,7 +83,7 @@ def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: 
     """Read the given run folders. A mapping says which cell each folder is for: its row may have been renamed since.
 
     None in its place: the folder's own record says so. ``published``: runs of former reports, which stand beside them; where the
-    folder of one is there, too, it has what was published as its numbers, and of the folder its curve, configuration and pictures.
+    folder of one is there, too, that adds its curve, configuration and pictures.
     Raises InputError where two runs of the same row, scene and seed are there: neither would be the right one to show.
     """
     records, unreadable = [], []
@@ -95,12 +97,16 @@ def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: 
         else:
             unreadable.append(record["problem"])
     cells: dict[CellKey, Record] = {}
+    joined: set[CellKey] = set()
     for record in (*records, *published):
         cell = record["row"], record["scene"], record["seed"]
-        other = cells.setdefault(cell, record)
-        if _publishes(record, other):
-            other |= record | {"folder": other["folder"]}
-        elif other is not record:
+        other = cells.get(cell)
+        if other is None:
+            cells[cell] = record
+        elif cell not in joined and _publishes(record, other):
+            cells[cell] = record | {name: other[name] for name in OF_A_FOLDER if name in other}
+            joined.add(cell)
+        else:
             found = f"row {cell[0]}, scene {cell[1]}, seed {cell[2]} is in {other['folder']} and in {record['folder']}"
             raise InputError(
                 f"{found}: expected one run per cell; list the folders of one table only, or run the new row under another name "
@@ -110,12 +116,15 @@ def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: 
 
 
 def _publishes(line: Record, run: Record) -> bool:
-    """Whether a runs.csv's ``line`` is of the ``run`` of a folder: then its numbers count, and the folder has pictures of them.
+    """Whether a runs.csv's ``line`` is of the ``run`` of a folder, which then adds what no line holds: identity and scores agree.
 
-    Not where one has failed and the other has not, which were two runs.
+    Not where one has failed and the other has not.
     """
-    both = "record" in run and "record" not in line and run["config_hash"] == line["config_hash"]
-    return both and (run.get("problem") is None) == (line.get("problem") is None)
+    if "record" in line or "record" not in run or run["config_hash"] != line["config_hash"]:
+        return False
+    known = [(line[column], run.get(column)) for column in SCORES if line.get(column) is not None]
+    agree = all(theirs is not None and math.isclose(ours, theirs, rel_tol=AGREEMENT) for ours, theirs in known)
+    return agree and (run.get("problem") is None) == (line.get("problem") is None)
 
 
 def as_table(records: Iterable[Record]) -> Runs:

@@ -152,7 +152,8 @@ def make_cells(
 
     cells = []
     for row in table.crossed_rows:
-        filled_in = any("${" in text for text in (*row.overrides, *request.overrides))  # with the scene's name, say, or the seed
+        given = [*row.overrides, *request.overrides, *(text for scene in scenes for text in scene.overrides)]
+        filled_in = any("${" in text for text in given)  # with the scene's name, say, or the seed
         try:
             known = {seed: composed(row, seed, alone=filled_in) for seed in (seeds if filled_in else [0])}
             for seed, place in product(seeds, range(len(scenes))):

@@ -62,7 +62,7 @@ def of_run(folder: Path, device: torch.device, scene: Path | None = None) -> tup
     Raises InputError for a run without textures, and where its scene is not there.
     """
     run = Recovered(folder)
-    lacking = [name for name in ("albedo.exr", "roughness.exr") if not (folder / name).is_file()]
+    lacking = [name for name in ("albedo.exr", "roughness.exr") if not run.has(name)]
     if lacking:
         raise InputError(f"{folder}: expected the textures of a run, found no {' and no '.join(lacking)}: its method leaves none")
     found = run.read_scene(scene)

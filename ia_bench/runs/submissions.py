@@ -45,7 +45,7 @@ def write_predictions(run: Path, out: Path) -> dict[str, int]:
     """
     found = Recovered(run)
     scene = found.read_scene()
-    if not (run / "albedo.exr").is_file():
+    if not found.has("albedo.exr"):
         raise InputError(f"{run}: expected a run with textures (albedo.exr), found none: its pictures are not kept")
     make_writable(out, "--pictures")
     _, drawn = _drawn(found, scene)

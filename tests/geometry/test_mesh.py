@@ -335,6 +335,28 @@ def test_materials_of_an_obj_lie_side_by_side_without_its_mtl(tmp_path: Path) ->
     by_material(*load_mesh(tmp_path / "mesh.obj"))
 
 
+def test_nameless_materials_of_one_colour_have_places_of_their_own(tmp_path: Path) -> None:
+    """Five in two rows of three, each at least two of 512 texels from the next."""
+    header = json.loads(written(tmp_path / "mesh.gltf", *((part(HARD, 0.1 * n), np.eye(4)) for n in range(5))).read_text())
+    uv = np.array([[0, 0], [1, 0], [0, 1]], np.float32)
+    (tmp_path / "uv.bin").write_bytes(uv.tobytes())
+    header["buffers"].append({"uri": "uv.bin", "byteLength": uv.nbytes})
+    header["bufferViews"].append({"buffer": len(header["buffers"]) - 1, "byteLength": uv.nbytes})
+    view = {"bufferView": len(header["bufferViews"]) - 1, "componentType": 5126, "count": 3, "type": "VEC2"}
+    header["accessors"].append(view)
+    header["materials"] = [{"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}}] * 5
+    for number, mesh in enumerate(header["meshes"]):
+        mesh["primitives"][0]["attributes"]["TEXCOORD_0"] = len(header["accessors"]) - 1
+        mesh["primitives"][0]["material"] = number
+    (tmp_path / "mesh.gltf").write_text(json.dumps(header))
+    mesh, notes = load_mesh(tmp_path / "mesh.gltf")
+    assert "texture coordinates of 5 materials are laid side by side" in notes[-1]
+    boxes = [(mesh.uv[face].min(0), mesh.uv[face].max(0)) for face in mesh.faces]
+    for number, (low, high) in enumerate(boxes):
+        for other_low, other_high in boxes[number + 1 :]:
+            assert (np.maximum(low - other_high, other_low - high) > 1.99 / 512).any()
+
+
 # ---------------------------------------------------------------- normals of several parts
 HARD = np.array([[0.6, 0.0, 0.8]] * 3)
 """Normals of a triangle in the plane z = 0 that no program would compute from it."""

@@ -1,5 +1,6 @@
 """What rays toward a scene's light meet, kept from one run to the next: pictures stay the same to the last bit."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,13 +54,33 @@ def test_another_run_traces_only_what_its_own_material_decides() -> None:
     assert len(kept()) == 3
 
 
-def test_what_was_kept_of_other_directions_is_not_used() -> None:
+@pytest.mark.parametrize("spoiled", ["checksums", "passes"])
+def test_what_was_kept_of_other_directions_is_not_used(spoiled: str) -> None:
+    """From the second pass on, as of a view that another processor sees a pixel more of; or passes are missing."""
     expected, _ = picture(1)
     (key,) = kept()
-    good = Cache().get(key)[0]["blocked"]
-    Cache().put(key, {"blocked": ~good})
+    good = Cache().get(key)[0]
+    bad = {name: values.clone() for name, values in good.items()}
+    if spoiled == "checksums":
+        bad["checksums"][1:] += 1
+        bad["blocked"][1:] = ~bad["blocked"][1:]
+    else:
+        bad = {name: values[:1].clone() for name, values in good.items()}
+    Cache().put(key, bad)
     np.testing.assert_array_equal(picture(1)[0], expected)
-    assert torch.equal(Cache().get(key)[0]["blocked"], good)  # and is made again
+    again = Cache().get(key)[0]
+    assert {name: values.tolist() for name, values in again.items()} == {name: values.tolist() for name, values in good.items()}
+
+
+def test_a_picture_in_which_nothing_is_seen_is_black() -> None:
+    camera = camera_at((2.0, 1.0, 1.5), pixels=9)
+    beside = camera.to_world.copy()
+    beside[:3, 3] += 100 * beside[:3, 0]
+    away = [replace(camera, to_world=beside)]
+    found = TexturedReconstruction(Stage(bowl(8), torch.device("cpu")), Material(torch.ones(8, 8, 3), torch.ones(8, 8, 1)), None)
+    drawn = found.render(away, light=LatLongEnvironment(LIGHT, "sky"), albedo_scale=None, quality=Quality(2, 16, 3))
+    assert not np.stack(drawn.images).any()
+    assert kept() == []
 
 
 def test_pictures_that_are_too_large_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -143,13 +143,22 @@ def test_new_rows_stand_beside_published_ones_unless_a_cell_is_there_twice(first
         write_report([write_run("none", "hat", config_hash="another")], tmp_path / "out", published=read_published(first))
 
 
-def test_the_folder_of_a_published_run_adds_its_curve_and_not_its_numbers(first: Path, write_run: Write) -> None:
-    folder = write_run("none", "hat", psnr=99.0, curve="stage1,0,0.5,,12,,,\nstage2,40,2.5,14,,15,16,0.05\n")
-    runs = collect([folder], read_published(first)).runs
-    assert len(runs) == len(read_published(first))
+def test_the_folder_of_a_published_run_adds_its_curve(first: Path, write_run: Write) -> None:
+    folder = write_run("none", "hat", curve="stage1,0,0.5,,12,,,\nstage2,40,2.5,14,,15,16,0.05\n")
+    lines = read_published(first)
+    runs = collect([folder], lines).runs
+    assert len(runs) == len(lines)
     (run,) = runs[(runs["row"] == "none") & (runs["scene"] == "hat") & (runs["seed"] == 0)].to_dict("records")
     assert (run["albedo_psnr"], run["folder"], run["problem"]) == (20.0, folder, None)
     np.testing.assert_array_equal(run["curve"].values["albedo_psnr"], [np.nan, 14.0])
+    with pytest.raises(InputError, match=r"row none, scene hat, seed 0 is in .*hat-0 and in .*runs\.csv"):
+        collect([folder], [*lines, lines[0]])
+
+
+def test_a_run_with_other_scores_is_not_the_one_that_was_published(first: Path, write_run: Write) -> None:
+    """Though it has the same identity, as one on another machine: its own numbers must not go without a word."""
+    with pytest.raises(InputError, match="row none, scene hat, seed 0 is in .*hat-0 and in"):
+        collect([write_run("none", "hat", psnr=20.1)], read_published(first))
 
 
 @pytest.mark.parametrize("failed", ["none", "ours"])

@@ -152,7 +152,7 @@ def test_every_row_is_run_with_every_capture_unless_it_says_with_which() -> None
     assert capture["a"] == capture["b"] == CaptureSettings()
 
 
-def test_what_a_row_fills_in_is_that_of_each_scene_and_seed() -> None:
+def test_what_a_row_fills_in_is_that_of_each_scene_and_seed(tmp_path: Path) -> None:
     """A cell is what its command line makes, as docs/priors.md and docs/others_results.md have such rows."""
     table = Table(
         scenes=["hat", "tiny"],
@@ -163,3 +163,8 @@ def test_what_a_row_fills_in_is_that_of_each_scene_and_seed() -> None:
     filled_in = {(cell.scene, cell.seed): (cell.config.protocol.name, cell.config.capture.faults.seed) for cell in cells[4:]}
     assert filled_in == {(scene, seed): (f"of_{scene}", seed) for scene in ("hat", "tiny") for seed in (0, 1)}
     assert [hash_of(identity(compose(cell.config.command))) for cell in cells] == [cell.config_hash for cell in cells]
+    for seed in (0, 1):
+        (tmp_path / f"seed_{seed}").mkdir()
+    scene = SceneEntry("mine", "nerfstudio", f"{tmp_path}/seed_${{seed}}")
+    cells = make_cells(replace(table, scenes=[scene]), TableRequest(), 1, Path("results/t"))
+    assert {Path(cell.config.scene.path).name for cell in cells if cell.seed == 1} == {"seed_1"}

@@ -24,7 +24,7 @@ from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import patch_origins
 from ia_bench.priors.diffusion.prior import DiffusionPrior
 from ia_bench.priors.diffusion.sampler import seeded_noise
-from ia_bench.priors.inputs import content_number
+from ia_bench.priors.inputs import content_number, use_bf16
 from ia_bench_training.saving import save_network
 
 
@@ -264,6 +264,13 @@ def drawn_by_a_processor_with(instructions: str, folder: Path) -> dict[str, np.n
     subprocess.run([sys.executable, "-c", DRAW, folder / f"{instructions}.npz"], check=True, env=environment)
     with np.load(folder / f"{instructions}.npz") as found:
         return dict(found)
+
+
+@pytest.mark.parametrize(
+    ("precision", "device", "expected"), [("auto", "cpu", False), ("bf16", "cpu", True), ("float32", "cuda", False)]
+)
+def test_processors_compute_in_float32_unless_they_are_told(precision: str, device: str, expected: bool) -> None:
+    assert use_bf16(precision, torch.device(device)) is expected
 
 
 @pytest.mark.slow
