@@ -86,8 +86,8 @@ lint: setup ## ruff, mypy, import contracts
 	cd baselines && ../.venv/bin/lint-imports
 	cd training && ../.venv/bin/lint-imports
 
-docs: setup $(DOCS_READY) ## every document as a site, results/docs/index.html; fails on a broken link (RUNS=FOLDER: its page with pictures)
-	.venv/bin/ia-bench report $(or $(RUNS),docs/results/runs.csv) --out results/published --table $(if $(RUNS),$(TABLE),ablations) >/dev/null
+docs: setup $(DOCS_READY) ## every document as a site, results/docs/index.html; fails on a broken link (RUNS=FOLDER TABLE=NAME: the page of another table)
+	.venv/bin/ia-bench report $(or $(RUNS),docs/results/runs.csv docs/results/pictured) --out results/published --table $(if $(RUNS),$(TABLE),ablations) >/dev/null
 	NO_MKDOCS_2_WARNING=1 $(DOCS) docs/site/build.py
 
 # The pages are made from the sources without importing them, hence a small environment of their own.
