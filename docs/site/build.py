@@ -24,7 +24,7 @@ FOLDERS = ("docs", "datasets", "examples", "baselines", "training", "ia_bench")
 SETTINGS = Path("docs/settings.md")
 REPORT, PLACE = Path("results/published/page"), Path("docs/results/page")
 """The report page in the repository's results, and where it is in the site."""
-FIRST = f"[The published table as a page]({PLACE}/index.html), to sort, to compare row by row and to look behind every number."
+FIRST = f"[The published table as a page]({PLACE}/index.html), to sort, to look at what was recovered, and behind every number."
 FOUND = ("cite", "prior", "gpu", "licence")
 """Words that a reader types into the search box, each of which a heading answers."""
 
