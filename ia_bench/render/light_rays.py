@@ -34,6 +34,7 @@ class LightRays:
         found = Cache().get(self._key)
         self._kept = None if found is None else (found[0]["checksums"].tolist(), found[0]["blocked"])  # (passes,), (passes, bytes)
         self._passes: list[Tensor] = []  # a bit for each direction
+        self._room = MOST_BYTES  # below 0 for a picture that is too large, of which nothing is held
         self._checksums: list[int] = []
 
     def known(self, position: Tensor, direction: Tensor, texel: Tensor) -> Tensor | None:
@@ -41,6 +42,8 @@ class LightRays:
 
         Those are (N, K, 3), from places (N, 3) to the ``texel`` (N, K) of the light, negative where none is asked about.
         """
+        if self._room < 0:
+            return None
         checksum, place, asked = 0, len(self._checksums), texel >= 0
         for part in (asked, position[asked.any(1)], direction[asked]):  # of the others nothing is defined
             checksum = zlib.crc32(part.cpu().numpy().tobytes(), checksum)
@@ -54,9 +57,13 @@ class LightRays:
 
     def keep(self, blocked: Tensor) -> None:
         """Take what a pass that was not known has met, (N, K) bool."""
-        self._passes.append(torch.from_numpy(np.packbits(blocked.cpu().numpy())))
+        self._room -= -(-blocked.numel() // 8)
+        if self._room < 0:
+            self._passes.clear()
+        else:
+            self._passes.append(torch.from_numpy(np.packbits(blocked.cpu().numpy())))
 
     def end(self) -> None:
         """Keep a picture that is drawn, unless it was known, is empty, or too large."""
-        if self._kept is None and self._passes and sum(each.nbytes for each in self._passes) <= MOST_BYTES:
+        if self._kept is None and self._passes:
             Cache().put(self._key, {"checksums": torch.tensor(self._checksums), "blocked": torch.stack(self._passes)})
