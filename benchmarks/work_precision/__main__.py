@@ -24,7 +24,7 @@ from ia_bench.common.arguments import at_least
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import FAULT, OK, complain
-from ia_bench.common.machine import environment, limit_threads
+from ia_bench.common.machine import environment, settle_libraries
 
 PARTS = ("forward", "inverse")
 
@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("results/work_precision"), help="default: %(default)s")
     parser.add_argument("--quick", action="store_true", help="few samples and steps: does everything run?")
     wanted = parser.parse_args(arguments)
-    limit_threads(wanted.threads)
+    settle_libraries(wanted.threads)
     import torch
 
     torch.use_deterministic_algorithms(True)  # as a run has it

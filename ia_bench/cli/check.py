@@ -11,7 +11,7 @@ from ia_bench.common import registry
 from ia_bench.common.arguments import value_of
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import FAULT, OK, command, say
-from ia_bench.common.machine import limit_threads
+from ia_bench.common.machine import settle_libraries
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import expect_outside, method_of, slug
 
@@ -103,7 +103,7 @@ def _on_tiny(arguments: Sequence[str]) -> tuple[RunConfig, Scene, Callable[[Scen
     given = {text.partition("=")[0] for text in arguments}
     short = [f"{key}={value}" for key, value in SHORT.items() if key not in given]
     config = compose([*arguments, *short, "device=cpu"])
-    limit_threads(config.threads or 1)
+    settle_libraries(config.threads or 1)
     from ia_bench.methods.monitor import CostTracker  # brings in torch, as what follows
     from ia_bench.runs.run import problem_of
     from ia_bench.runs.scene import captured_scene

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, exits, say
-from ia_bench.common.machine import cores, limit_threads
+from ia_bench.common.machine import cores, settle_libraries
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     moving = wanted.out.suffix in (".gif", ".mp4")
     turn = wanted.turn or (STEPS if moving and wanted.views != "test" else 1)
     background: Background = wanted.background or ("light" if moving else "transparent")
-    limit_threads(wanted.threads)
+    settle_libraries(wanted.threads)
     import numpy as np
     import torch
 

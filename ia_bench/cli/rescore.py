@@ -10,7 +10,7 @@ from pathlib import Path
 from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.exit_codes import FAULT, OK, complain, exits, say
-from ia_bench.common.machine import cores, limit_threads
+from ia_bench.common.machine import cores, settle_libraries
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.runs.cells import folders_with_cells
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--scene", type=Path, help="folder of the runs' scene, if it is no longer where they found it")
     parser.add_argument("--threads", type=at_least(1), default=cores(), help="CPU threads (default: all)")
     wanted = parser.parse_args(arguments)
-    limit_threads(wanted.threads)
+    settle_libraries(wanted.threads)
     from ia_bench.runs.composition import compose
     from ia_bench.runs.recovered import Rescorer  # brings in the renderer
 

@@ -14,7 +14,7 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import FAULT, OK, complain, exits, say
 from ia_bench.common.files import user_path
-from ia_bench.common.machine import cores, limit_threads
+from ia_bench.common.machine import cores, settle_libraries
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.runs.packs import packs_among
@@ -83,7 +83,7 @@ def _repeat(wanted: argparse.Namespace, tables: Sequence[Path]) -> int:
 
 
 def _score_again(wanted: argparse.Namespace, packs: Sequence[Path]) -> int:
-    limit_threads(wanted.threads)
+    settle_libraries(wanted.threads)
     from ia_bench.runs.recovered import Rescorer  # brings in the renderer
     from ia_bench.runs.verification import OF_A_VIEW, OTHER, TOLERANCE, verify
 

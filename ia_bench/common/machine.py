@@ -14,6 +14,8 @@ from ia_bench.common.paths import PACKAGE
 
 PACKAGES = ("ia_bench", "torch", "numpy", "scipy", "scikit-image", "lpips", "embreex", "warp-lang", "trimesh", "xatlas")
 """Distributions whose version can change a number."""
+INSTRUCTIONS = {"ATEN_CPU_CAPABILITY": "avx2", "ONEDNN_MAX_CPU_ISA": "AVX2", "MKL_CBWR": "COMPATIBLE"}
+"""The environment in which torch, oneDNN and MKL compute alike on all x86 processors with AVX2; read when they first compute."""
 QUOTA = Path("/sys/fs/cgroup/cpu.max")
 """Microseconds of CPU time that a container has in so many microseconds, "max" where there is no limit."""
 
@@ -112,9 +114,16 @@ def _version(package: str) -> str | None:
         return None
 
 
-def limit_threads(threads: int) -> None:
-    """Make every library of this process use ``threads`` CPU threads."""
+def settle_libraries(threads: int) -> None:
+    """Make every library of this process use ``threads`` CPU threads and, on x86, the same instructions on every processor.
+
+    By themselves torch, oneDNN and MKL take the newest instructions, and MKL other ones on other makers' processors; sums are then
+    rounded otherwise, which a fit amplifies. Variables that the user has set stay.
+    """
     os.environ["OMP_NUM_THREADS"] = str(threads)  # for what is not loaded yet, and for child processes
+    if "avx2" in _entry("/proc/cpuinfo", "flags").split():
+        for name, value in INSTRUCTIONS.items():
+            os.environ.setdefault(name, value)
     import torch
 
     torch.set_num_threads(threads)

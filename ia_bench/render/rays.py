@@ -19,6 +19,7 @@ from ia_bench.scenes.scene import Mesh
 
 BLOCK = 128  # rays of a kernel's item: those of them that are asked for fill its packets
 TRIANGLES, INDICES, VERTICES, UINT3, FLOAT3 = 0, 0, 1, 0x5003, 0x9003  # Embree's enumerations
+FILTERED = 1 << 3  # a scene whose queries may bring a filter
 FAR = 1e30
 
 
@@ -38,6 +39,7 @@ class RayCaster:
     _kernel: wp.Kernel
     _block = 1  # rays of an item of that kernel
     _scene: int  # the handle of what the kernel asks ...
+    _triangles: tuple[Tensor | None, Tensor | None] = (None, None)  # vertices and corners, where the kernel asks for them
     _queries: tuple[int | None, int | None] = (0, 0)  # ... and of how: whether there is a hit, and which is nearest
 
     def __init__(self, mesh: Mesh) -> None:
@@ -82,7 +84,8 @@ class RayCaster:
         mask = None if asked is None else asked.contiguous().view(torch.uint8).reshape(-1)
         launch(
             self._kernel, -(-count // self._block), int(nearest), self._queries[nearest], self._scene, origins.contiguous(),
-            directions.contiguous().reshape(-1, 3), mask, int(coherent), *results, device=origins.device,
+            directions.contiguous().reshape(-1, 3), mask, int(coherent), *self._triangles, *results,
+            device=origins.device,
         )  # fmt: skip
 
 
@@ -93,6 +96,8 @@ _PACKETS = """
 #if !defined(__CUDA_ARCH__)
     const int W = 16;
     const int BLOCK = %BLOCK%;
+    constexpr unsigned NOTHING = 0xffffffffu;
+    constexpr double ROUNDING = 2e-6;
     struct alignas(64) Packet {
         float ox[W], oy[W], oz[W], near[W], dx[W], dy[W], dz[W], time[W], far[W];
         unsigned mask[W], id[W], flags[W];
@@ -101,7 +106,47 @@ _PACKETS = """
     };
     struct Arguments { unsigned flags, features; void *context, *filter, *function; };  // RTCIntersectArguments
     typedef void (*Query)(const int*, void*, void*, Arguments*);
+    struct Hit { double distance, u, v; unsigned face; };
+    struct Context { unsigned instance[4]; const wp::vec3* vertices; const int* corners; Hit hits[W]; };  // ours after Embree's
+    struct Candidates { int* valid; void* user; Context* context; float *ray, *hit; unsigned count; };  // of Embree's filters
+    auto nearer = [](const Candidates* found) {
+        const unsigned N = found->count;  // of rays; Embree may ask about fewer than a packet has
+        Context& context = *found->context;
+        for (unsigned k = 0; k < N; ++k) {
+            if (!found->valid[k]) continue;
+            float* ray = found->ray + k;
+            const unsigned face = ((unsigned*)found->hit)[5 * N + k];
+            const wp::vec3d o(ray[0], ray[N], ray[2 * N]), d(ray[4 * N], ray[5 * N], ray[6 * N]);
+            const wp::vec3d corner(context.vertices[context.corners[3 * face]]);
+            const wp::vec3d along = wp::vec3d(context.vertices[context.corners[3 * face + 1]]) - corner;
+            const wp::vec3d across = wp::vec3d(context.vertices[context.corners[3 * face + 2]]) - corner;
+            const wp::vec3d sideways = wp::cross(d, across);
+            const double determinant = wp::dot(along, sideways);
+            double u = 0.0, v = 0.0;
+            if (determinant != 0.0) {
+                u = wp::clamp(wp::dot(o - corner, sideways) / determinant, 0.0, 1.0);
+                v = wp::clamp(wp::dot(d, wp::cross(o - corner, along)) / determinant, 0.0, 1.0 - u);
+            }
+            const double distance = wp::dot(corner + u * along + v * across - o, d) / wp::dot(d, d);
+            Hit& best = context.hits[((unsigned*)ray)[10 * N]];
+            if (best.face == NOTHING || distance < best.distance || (distance == best.distance && face < best.face)) {
+                best = {distance, u, v, face};
+                ray[8 * N] = (float)(distance + ROUNDING * (distance + wp::length(o)));  // so that none is kept from us
+            } else {
+                found->valid[k] = 0;
+            }
+        }
+    };
+    Context context;
+    context.vertices = vertices.data;
+    context.corners = corners.data;
+    for (int k = 0; k < 4; ++k) context.instance[k] = NOTHING;
     Arguments arguments = {coherent ? 1u << 16 : 0u, 0xffffffffu, nullptr, nullptr, nullptr};
+    if (nearest) {
+        arguments.flags |= 1u << 1;  // the filter of these arguments is to be asked
+        arguments.context = &context;
+        arguments.filter = (void*)(void (*)(const Candidates*))nearer;
+    }
     Packet packet;
     alignas(64) int valid[W];
     int which[W];
@@ -125,8 +170,10 @@ _PACKETS = """
             }
             packet.near[k] = packet.time[k] = 0.0f;
             packet.far[k] = __builtin_inff();
-            packet.mask[k] = packet.geometry[k] = packet.instance[0][k] = packet.instance[1][k] = packet.primitive[k] = 0xffffffffu;
-            packet.id[k] = packet.flags[k] = 0u;
+            packet.mask[k] = packet.geometry[k] = packet.instance[0][k] = packet.instance[1][k] = packet.primitive[k] = NOTHING;
+            packet.id[k] = k;
+            packet.flags[k] = 0u;
+            context.hits[k].face = NOTHING;
             valid[k] = k < filled ? -1 : 0;
         }
         ((Query)query)(valid, (void*)scene, &packet, &arguments);
@@ -134,10 +181,10 @@ _PACKETS = """
             const int n = which[k];
             if (!nearest) {
                 blocked[n] = packet.far[k] < 0.0f ? 1 : 0;
-            } else if (packet.geometry[k] != 0xffffffffu) {
-                faces[n] = packet.primitive[k];
-                barycentrics[n] = wp::vec2(packet.u[k], packet.v[k]);
-                distances[n] = packet.far[k];
+            } else if (context.hits[k].face != NOTHING) {
+                faces[n] = (int)context.hits[k].face;
+                barycentrics[n] = wp::vec2((float)context.hits[k].u, (float)context.hits[k].v);
+                distances[n] = (float)context.hits[k].distance;
             }
         }
         filled = 0;
@@ -146,26 +193,33 @@ _PACKETS = """
 """
 """Fills packets of sixteen rays and hands them to Embree's queries, called by their addresses. The layout is that of
 ``RTCRayHit16`` of embree4/rtcore_ray.h, of which ``RTCRay16`` is the beginning. ``coherent``: walk with a
-whole packet. On CUDA nothing calls it."""
+whole packet. On CUDA nothing calls it.
+
+Embree divides by approximations of its processor, which differ in the last bits. So it only says which triangles a ray meets; which
+of them is nearest, and where (Moeller and Trumbore 1997), ``nearer`` finds in double precision, as every processor does. Of
+triangles that coincide it is the first of the mesh."""
 
 
 @wp.func_native(_PACKETS.replace("%BLOCK%", str(BLOCK)))
 def _ask_embree(
     nearest: int, query: wp.uint64, scene: wp.uint64, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3),
-    asked: wp.array(dtype=wp.uint8), coherent: int, item: int, faces: wp.array(dtype=int), barycentrics: wp.array(dtype=wp.vec2),
-    distances: wp.array(dtype=float), blocked: wp.array(dtype=wp.uint8),
+    asked: wp.array(dtype=wp.uint8), coherent: int, item: int, vertices: wp.array(dtype=wp.vec3), corners: wp.array(dtype=int),
+    faces: wp.array(dtype=int), barycentrics: wp.array(dtype=wp.vec2), distances: wp.array(dtype=float),
+    blocked: wp.array(dtype=wp.uint8),
 ): ...  # fmt: skip
 
 
 @wp.kernel(enable_backward=False)
 def _trace_packets(
     first: int, nearest: int, query: wp.uint64, scene: wp.uint64, origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3), asked: wp.array(dtype=wp.uint8), coherent: int, faces: wp.array(dtype=int),
-    barycentrics: wp.array(dtype=wp.vec2), distances: wp.array(dtype=float), blocked: wp.array(dtype=wp.uint8),
+    directions: wp.array(dtype=wp.vec3), asked: wp.array(dtype=wp.uint8), coherent: int, vertices: wp.array(dtype=wp.vec3),
+    corners: wp.array(dtype=int), faces: wp.array(dtype=int), barycentrics: wp.array(dtype=wp.vec2),
+    distances: wp.array(dtype=float), blocked: wp.array(dtype=wp.uint8),
 ):  # fmt: skip
     """The ``nearest`` hits of rays, as many from every origin, or whether they hit anything; if there is ``asked``, of those."""
     _ask_embree(
-        nearest, query, scene, origins, directions, asked, coherent, first + wp.tid(), faces, barycentrics, distances, blocked,
+        nearest, query, scene, origins, directions, asked, coherent, first + wp.tid(), vertices, corners, faces, barycentrics,
+        distances, blocked,
     )  # fmt: skip
 
 
@@ -184,11 +238,13 @@ class EmbreeRays(RayCaster):
         library, device = _library()
         self._scene = library.rtcNewScene(device)
         weakref.finalize(self, library.rtcReleaseScene, self._scene)
+        library.rtcSetSceneFlags(self._scene, FILTERED)
         geometry = library.rtcNewGeometry(device, TRIANGLES)
         faces, vertices = mesh.faces.astype(np.uint32), np.ascontiguousarray(mesh.vertices, np.float32)
         for values, kind, form in ((faces, INDICES, UINT3), (vertices, VERTICES, FLOAT3)):
             buffer = library.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(values))
             ctypes.memmove(buffer, np.ascontiguousarray(values).ctypes.data, 12 * len(values))
+        self._triangles = torch.from_numpy(vertices), torch.from_numpy(faces.astype(np.int32).reshape(-1))
         library.rtcCommitGeometry(geometry)
         library.rtcAttachGeometry(self._scene, geometry)
         library.rtcReleaseGeometry(geometry)
@@ -220,6 +276,7 @@ def _library() -> tuple[ctypes.CDLL, int]:
         ("rtcReleaseGeometry", None, c_void_p),
         ("rtcCommitScene", None, c_void_p),
         ("rtcReleaseScene", None, c_void_p),
+        ("rtcSetSceneFlags", None, c_void_p, c_int),
     ):
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
@@ -232,8 +289,9 @@ def _library() -> tuple[ctypes.CDLL, int]:
 @wp.kernel(enable_backward=False)
 def _trace_mesh(
     first: int, nearest: int, query: wp.uint64, mesh: wp.uint64, origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3), asked: wp.array(dtype=wp.uint8), coherent: int, faces: wp.array(dtype=int),
-    barycentrics: wp.array(dtype=wp.vec2), distances: wp.array(dtype=float), blocked: wp.array(dtype=wp.uint8),
+    directions: wp.array(dtype=wp.vec3), asked: wp.array(dtype=wp.uint8), coherent: int, vertices: wp.array(dtype=wp.vec3),
+    corners: wp.array(dtype=int), faces: wp.array(dtype=int), barycentrics: wp.array(dtype=wp.vec2),
+    distances: wp.array(dtype=float), blocked: wp.array(dtype=wp.uint8),
 ):  # fmt: skip
     """As :func:`_trace_packets`, whose parameters it takes, but one ray an item."""
     i = first + wp.tid()

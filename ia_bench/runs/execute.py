@@ -6,7 +6,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from ia_bench.common.errors import Fault
-from ia_bench.common.machine import limit_threads
+from ia_bench.common.machine import settle_libraries
 from ia_bench.common.progress import Progress
 from ia_bench.runs.config import RunConfig
 from ia_bench.runs.folder import CHECKPOINT, RunFolder
@@ -34,7 +34,7 @@ def execute(config: RunConfig, progress: Progress | None = None) -> tuple[RunRec
         progress.note(f"{folder.path}: scene {config.scene.name}, row {config.row_name}, seed {config.seed}")
         try:
             with deferred():
-                limit_threads(config.threads or 1)
+                settle_libraries(config.threads or 1)
                 from ia_bench.runs.run import run  # brings in the renderer; a finished run does without it
 
                 known = labels(config, content)

@@ -6,6 +6,7 @@ import torch
 from shapes import disk, mesh_of, plate, soup, sphere, together
 
 from ia_bench.render.rays import EmbreeRays, RayCaster, WarpRays
+from ia_bench.render.rays import _library as embree_library
 from ia_bench.scenes.scene import Mesh
 
 CPU = torch.device("cpu")
@@ -78,6 +79,33 @@ def test_nearest_hits_and_whether_there_is_one(kind: str, name: str) -> None:
     np.testing.assert_array_equal(blocked.numpy()[clear], face[clear] >= 0)
     assert (found[0].dtype, blocked.dtype) == (torch.int64, torch.bool)
     assert rays.rays == 2 * len(origins)
+
+
+@pytest.mark.skipif(torch.backends.cpu.get_cpu_capability() == "DEFAULT", reason="no AVX2 here")
+def test_hits_are_those_of_every_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the bit: Embree divides by approximations that differ between instruction sets (and makers), so it may only say which
+    triangles a ray meets. Two that coincide, one the other's back, are nearest in turns where its rounding decides."""
+    triangles = soup(60, 3)
+    mesh = mesh_of(triangles.vertices, [*triangles.faces.tolist(), *triangles.faces[:, ::-1].tolist()])
+    origins, directions = (torch.from_numpy(a).float() for a in rays_through(5, 20_000))
+    library, device = embree_library()
+    found = {}
+    for instructions in ("avx2", "sse4.2"):
+        other = library.rtcNewDevice(f"isa={instructions}".encode())
+        monkeypatch.setattr("ia_bench.render.rays._library", lambda other=other: (library, other))
+        found[instructions] = EmbreeRays(mesh).intersect(origins, directions)
+    monkeypatch.setattr("ia_bench.render.rays._library", lambda: (library, device))
+    face, uv, distance = EmbreeRays(mesh).intersect(origins, directions)
+    assert (face >= 0).sum() > 1000
+    for others in found.values():
+        assert torch.equal(face, others[0])
+        assert torch.equal(uv, others[1])
+        assert torch.equal(distance, others[2])
+    exact_face, exact_uv, exact_distance, doubtful = brute_force(triangles, origins.double().numpy(), directions.double().numpy())
+    clear = torch.from_numpy(~doubtful & (exact_face >= 0))
+    own = clear & (face < len(triangles.faces))
+    np.testing.assert_allclose(uv[own].numpy(), exact_uv[own.numpy()], atol=1e-7)
+    np.testing.assert_allclose(distance[clear].numpy(), exact_distance[clear.numpy()], rtol=2e-7)
 
 
 # ---------------------------------------------------------------- packets

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import Any
 
-from ia_bench.common.machine import limit_threads
+from ia_bench.common.machine import settle_libraries
 
 
 def share_out(work: Callable[..., None], jobs: Sequence[tuple[Any, ...]], *, workers: int) -> Iterator[int]:
@@ -30,7 +30,7 @@ def share_out(work: Callable[..., None], jobs: Sequence[tuple[Any, ...]], *, wor
 
 def _begin() -> None:
     """One thread, and an end when the parent ends."""
-    limit_threads(1)
+    settle_libraries(1)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

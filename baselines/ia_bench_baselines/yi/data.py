@@ -18,7 +18,7 @@ from torch import Tensor
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, command
-from ia_bench.common.machine import limit_threads
+from ia_bench.common.machine import settle_libraries
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, Number
@@ -78,7 +78,7 @@ def render_object(seed: int, number: int, size: int, direct: DirectLight) -> dic
 def make_data(request: RelitRequest, progress: Progress) -> None:
     """Render what the folder lacks."""
     make_writable(request.out, "out")
-    limit_threads(request.threads)
+    settle_libraries(request.threads)
     direct = DirectLight(compiled=request.compiled)
     task = progress.task("objects", request.objects)
     for first in range(0, request.objects, OBJECTS):

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.exit_codes import OK, command
-from ia_bench.common.machine import limit_threads
+from ia_bench.common.machine import settle_libraries
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Number
@@ -118,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _make(arguments: Sequence[str]) -> int:
-    limit_threads(1)
+    settle_libraries(1)
     with Progress() as progress:
         make_held_out(read_arguments(HeldOutRequest, arguments), progress)
     return OK

@@ -19,7 +19,7 @@ from ia_bench.common.arguments import read_arguments
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, command
-from ia_bench.common.machine import limit_threads
+from ia_bench.common.machine import settle_libraries
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, Number
@@ -155,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _make(arguments: Sequence[str]) -> int:
-    limit_threads(1)
+    settle_libraries(1)
     with Progress() as progress:
         make_world(read_arguments(WorldRequest, arguments), progress)
     return OK
