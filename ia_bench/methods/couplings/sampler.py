@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 
 import torch
 from torch import Tensor
@@ -37,6 +38,7 @@ class PriorSampler:
             among it; "prior_cached", how many draws these are; "prior_absurd_values", how many values of its answers no image
             could hold.
         kept_seconds: What the kept draws took when they were made, so that error against time stays comparable.
+        last_views: Those that the prior was asked about last, be it before an interruption.
     """
 
     def __init__(self, problem: Problem, prior: Prior, seed: int, note: Callable[[str], None]) -> None:
@@ -45,6 +47,7 @@ class PriorSampler:
         self._problem, self._prior, self._seed, self._note = problem, prior, seed, note
         self.counters = {"prior_cached": 0, "prior_absurd_values": 0, "network_calls": 0}
         self.kept_seconds = 0.0
+        self.last_views: tuple[int, ...] = ()
         self._shown: Observations | None = None
         self._told = False
         self._fingerprint: str | None = getattr(prior, "fingerprint", None)
@@ -102,11 +105,14 @@ class PriorSampler:
         if self._shown is None or self._shown.views != views:
             chosen, wants = [self._problem.scene.train[view] for view in views], self._prior.info.wants
             images, masks = stacked(chosen, "image"), stacked(chosen, "mask")
-            seen = view_geometry(self._problem, views) if wants & set(GEOMETRY) else (None, None)
+            again = self._shown is None and self.last_views == views  # the process before the interruption has counted its rays
+            with self._problem.costs.exclude("bake") if again else nullcontext():
+                seen = view_geometry(self._problem, views) if wants & set(GEOMETRY) else (None, None)
+                view_count = count_views(self._problem, views) if "view_count" in wants else None
             normals, visibility = (tensor if name in wants else None for name, tensor in zip(GEOMETRY, seen, strict=True))
-            view_count = count_views(self._problem, views) if "view_count" in wants else None
             names = tuple(view.name for view in chosen)
             self._shown = Observations(images, masks, views, normals, visibility, view_count, names=names)
+            self.last_views = views
         return self._shown
 
     def _key(self, shown: Observations) -> str:

@@ -77,9 +77,9 @@ class PriorLoss:
         return dict(self._coupling.loss(render, pixels))
 
     def state_dict(self) -> dict[str, Any]:
-        """What a checkpoint must hold: the samples, what the coupling made of them, and what the prior has cost."""
+        """What a checkpoint must hold: the samples, what the coupling made of them, what the prior has cost and saw last."""
         said = None if self.samples is None else {"samples": dict(vars(self.samples)), "coupling": self._coupling.state()}
-        return {"said": said, "counters": dict(self.sampler.counters)}
+        return {"said": said, "counters": dict(self.sampler.counters), "views": list(self.sampler.last_views)}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Take over a :meth:`state_dict`."""
@@ -88,7 +88,7 @@ class PriorLoss:
             values, at_least = ({name: part.to(device) for name, part in kept[key].items()} for key in ("values", "at_least"))
             self._take(PixelSamples(values, kept["weight"].to(device), at_least))
             self._coupling.restore(said["coupling"])
-        self.sampler.counters = dict(state["counters"])
+        self.sampler.counters, self.sampler.last_views = dict(state["counters"]), tuple(state["views"])
 
     def _take(self, samples: PixelSamples) -> None:
         self.samples = samples

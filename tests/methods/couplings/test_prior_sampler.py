@@ -10,9 +10,10 @@ import torch
 from small_fit import altered, oracle
 from torch import Tensor
 
-from ia_bench.methods.contract import PixelSamples, Problem
+from ia_bench.methods.contract import Monitor, PixelSamples, Problem
 from ia_bench.methods.couplings.sampler import PriorSampler, pixel_samples
 from ia_bench.methods.photographs import restrict, stacked, view_geometry
+from ia_bench.methods.two_stage.prior import PriorLoss
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.validation import beyond_a_material
 from ia_bench.render.renderer import Renderer, texture_images
@@ -133,6 +134,18 @@ def test_geometry_is_that_of_the_views_asked_about(problem: Problem) -> None:
         assert torch.equal(shown.normals, normals)
         assert torch.equal(shown.visibility, visibility)
     assert [shown.views for shown, *_ in reader.asked] == [asking._problem.asked_views, (0, 4), asking._problem.asked_views]
+
+
+def test_rays_of_what_is_shown_again_after_an_interruption_are_counted_once(problem: Problem) -> None:
+    asked, generator = altered(problem, prior=Reader(), prior_views=3), torch.Generator()
+    before, resumed = (PriorLoss(asked, 7, Monitor.silent()) for _ in range(2))
+    before.draw(None, generator)
+    resumed.load_state_dict(before.state_dict())
+    counts = asked.costs.counts()
+    resumed.draw(None, generator)
+    assert asked.costs.counts() == counts
+    resumed.sampler.distill({name: torch.zeros(2, 32, 32, 3) for name in ("albedo", "specular")}, (0, 4), seed=1)
+    assert asked.costs.counts()["rays"] > counts["rays"], "of other views they are new"
 
 
 # ---- what is kept ---------------------------------------------------------------------------------------------------
