@@ -60,7 +60,7 @@ def parse(arguments: Sequence[str]) -> TableRequest:
     request: Any = make_dataclass("Request", [("launcher", kind, field(default_factory=kind))], bases=(TableRequest,), frozen=True)
     own = [text for text in own if not text.startswith("launcher=") and text != "jobs=auto"]  # which is None
     found = TableRequest(**vars(read_arguments(request, own)))
-    if getattr(found.launcher, "gpus", 0) and not any(text.startswith("device=") for text in overrides):
+    if getattr(found.launcher, "gpus", 0) and "device" not in map(key_of, overrides):
         overrides.append("device=cuda")
     return replace(found, overrides=tuple(overrides))
 
@@ -85,7 +85,7 @@ def make_table(request: TableRequest) -> int:
     of_the_machine = [text for text in request.overrides if key_of(text) in ("device", "threads")]
     config = compose(of_the_machine, here=launcher.here)  # the others are composed with each row, which may be what knows them
     jobs, threads = launcher.jobs_and_threads(request.jobs, config.device)
-    if config.threads is not None and any(text.startswith("threads=") for text in of_the_machine):
+    if config.threads is not None and "threads" in map(key_of, of_the_machine):
         threads = config.threads
     results = Path("results", slug(request.name))
     broken: list[str] = []

@@ -162,7 +162,8 @@ def test_cells_with_a_gpu_use_it_though_the_table_is_called_where_there_is_none(
     monkeypatch.setattr("ia_bench.cli.table.find_spec", lambda name: name)
     request = parse(["launcher=ray", "launcher.gpus=1", "launcher.cpus=3"])
     assert request.overrides == ("device=cuda",)
-    assert parse(["launcher=ray", "launcher.gpus=1", "device=cpu"]).overrides == ("device=cpu",)
+    for own in ("device=cpu", "++device=cpu"):
+        assert parse(["launcher=ray", "launcher.gpus=1", own]).overrides == (own,)
     (cell,) = make_cells(Table(scenes=["hat"], rows=[Row("a", ["prior=none"])]), request, 3, Path("results/t"))
     assert (cell.config.device, cell.config.threads) == ("cuda", 3)
     assert Ray(cpus=3).jobs_and_threads(None, "cuda")[1] == 3

@@ -114,7 +114,7 @@ def test_mistake_is_one_message_before_anything_runs(argument: str, message: str
     assert started() == []
 
 
-@pytest.mark.parametrize(("given", "threads"), [([], 4), (["threads=3"], 3)])
+@pytest.mark.parametrize(("given", "threads"), [([], 4), (["threads=3"], 3), (["++threads=3"], 3)])
 def test_a_cell_gets_its_share_of_the_cores_and_settings_that_its_row_knows(
     given: list[str], threads: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
