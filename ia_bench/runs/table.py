@@ -190,6 +190,8 @@ def _check(table: Table) -> None:
     for what, several in (("rows", names), ("scenes", table.scene_names)):
         if len(set(several)) != len(several):
             raise InputError(f"{what}: expected different names, found {', '.join(several)}")
+        if filled_in := [name for name in several if "${" in name]:  # overrides alone are: cells are listed by these names
+            raise InputError(f"{what}: expected names without ${{, which a cell would fill in, found {filled_in[0]}")
     for entry in table.entries(None):
         if entry.capture is not None and table.captures:
             raise InputError(f"scenes: {entry.name}: capture: expected none in a table that has captures, found {entry.capture}")

@@ -50,6 +50,8 @@ def test_bad_table_file_is_named() -> None:
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
         *((f"rows: [{{name: {name}, overrides: []}}]", "rows.0.name: expected a name of 1 to 200 printable") for name in BAD_NAMES),
         ("scenes: [{name: a}, a]", "scenes: expected different names, found a, a"),
+        ("scenes: [{name: 'a ${seed}'}]", r"bad\.yaml: scenes: expected names without \${, which .*, found a \${seed}$"),
+        ("rows: [{name: 'a ${seed}', overrides: []}]", r"rows: expected names without \${, which .*, found a \${seed}$"),
         ("scenes: [{name: a, path: 3}]", "scenes.0"),
         ("scenes: [{name: a, capture: phone}]\ncaptures: [{views: 8}]", "scenes: a: capture: expected none in a table"),
         *(
