@@ -33,7 +33,7 @@ class PriorInfo:
         wants: What its observations should hold besides images, some of "normals", "visibility", "view_count" and "truth". A
             sample must do without the first three as well, which pictures without a scene do not have.
         coupling: The name of the coupling by which it is used best, such as "targets"; None recommends none. It is what a run with
-            ``coupling=auto`` takes.
+            ``coupling=auto`` takes. The code of one that is not built in identifies the run where the info is the class's own.
         declared: What is said of predictions that were made elsewhere: the seconds that a row took are then its own and these.
             None for a prior that makes them in the run.
     """

@@ -141,11 +141,15 @@ def _content(root: Path, paths: Iterable[Path] | None = None) -> str:
 
 
 def _plugins(config: RunConfig) -> Iterator[tuple[registry.Plugin, Mapping[str, Any]]]:
-    """The plugins of a run with their options; a coupling that the prior will choose is none yet."""
+    """The plugins of a run with their options. A coupling that the prior will choose is one if it is of another distribution."""
     for kind in registry.KINDS:
         part = getattr(config, kind, None)
         if part is not None and part.target is not None:
             yield registry.named(kind, part.name, part.target), part.options
+    if config.coupling.target is None:
+        prior = registry.load(registry.named("prior", config.prior.name, config.prior.target))
+        recommended = getattr(getattr(prior, "info", None), "coupling", None)
+        yield from ((plugin, {}) for name, plugin in registry.installed("coupling").items() if name == recommended)
 
 
 def _files_of(plugin: registry.Plugin, options: Mapping[str, Any]) -> list[Path]:

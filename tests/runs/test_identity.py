@@ -239,6 +239,30 @@ def test_hash_follows_the_code_of_what_is_not_built_in(
     assert hash_with(*overrides) != before
 
 
+def test_hash_follows_the_code_of_the_coupling_that_a_prior_of_others_recommends(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Which may be of a third distribution; what no run takes counts for nothing."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "theirs-1.dist-info").mkdir()
+    (tmp_path / "theirs-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1\n")
+    (tmp_path / "theirs-1.dist-info" / "entry_points.txt").write_text("[ia_bench.couplings]\ntheirs = their_loss:Loss\n")
+    prior = """
+        from ia_bench.priors.contract import PriorInfo
+        class Prior:
+            info = PriorInfo(frozenset({"albedo"}), coupling="COUPLING")
+            def sample(self, observations, *, seed, guidance=None): ...
+    """
+    for name in ("theirs", "targets"):
+        (tmp_path / f"recommending_{name}.py").write_text(textwrap.dedent(prior).replace("COUPLING", name))
+    hashes = []
+    for version in (1, 2):
+        (tmp_path / "their_loss.py").write_text(f"class Loss:\n    prepare = loss = print  # version {version}\n")
+        of_theirs, of_ours = (f"prior=recommending_{name}:Prior" for name in ("theirs", "targets"))
+        hashes.append([hash_with(of_theirs), hash_with(of_theirs, "coupling=kernel"), hash_with(of_ours), hash_with()])
+    assert [first == second for first, second in zip(*hashes, strict=True)] == [False, True, True, True]
+
+
 def test_folder_is_named_by_scene_row_and_hash() -> None:
     config = compose(["device=cpu", "prior=oracle", "row='oracle w/o guided'"])
     assert run_folder(config, "0123456789") == Path("runs", "hat", "oracle-w-o-guided-01234567")
