@@ -108,6 +108,7 @@ class SceneRenderer:
         self.views = seen or self.test
         self.relit = {name: views[::RELIT_STRIDE] for name, views in by_light.items() if name in self._truth.lights}
         novel = [view for views in self.relit.values() for view in views]
+        self._shown = {"view": self.views, "relit": novel, **dict.fromkeys(("albedo", "aligned", "roughness"), self.test)}
         self._side = max(extent(view.mask) for view in (*self.test, *self.views, *novel))
         lit = {"train": (*self.views, *self.test), **self.relit}
         self._gains = {name: exposure([view.image for view in of], [view.mask for view in of]) for name, of in lit.items()}
@@ -123,6 +124,13 @@ class SceneRenderer:
     def stage(self) -> Stage:
         """The scene's mesh, traced once. Raises InputError where there is none."""
         return Stage(self.scene.expect_mesh(), torch.device("cpu"))
+
+    def of_one_view(self) -> dict[str, int]:
+        """Sheet -> its picture of one view, the middle one of those that most sheets show; its own middle one without."""
+        cameras = {name: [camera_key(view.camera) for view in views] for name, views in self._shown.items()}
+        seen, middle = cameras["view"], len(self.views) // 2
+        chosen = seen[max(range(len(seen)), key=lambda n: (sum(seen[n] in of for of in cameras.values()), -abs(n - middle)))]
+        return {name: of.index(chosen) if chosen in of else len(of) // 2 for name, of in cameras.items()}
 
     def truth(self, *, turned: bool = True) -> Pictures:
         """The photographs and what is known behind them; the turning light shows the true textures, if that is wanted."""

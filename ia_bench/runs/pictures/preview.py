@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -28,18 +28,19 @@ Row: TypeAlias = Sequence[Cell]
 """Pictures with what is written above each; None leaves a place empty."""
 
 
-def preview(title: str, true: Pictures, found: Pictures) -> Image.Image:
-    """What was recovered (``found``) below the truth and the photographs; in one row where only photographs are known."""
+def preview(title: str, true: Pictures, found: Pictures, places: Mapping[str, int]) -> Image.Image:
+    """What was recovered (``found``) below the truth and the photographs; in one row where only photographs are known.
+
+    ``places``: which picture of a sheet is shown, the first where it says none (:meth:`SceneRenderer.of_one_view`).
+    """
     above: list[Cell] = []
     below: list[Cell] = []
     for name, labels in COLUMNS.items():
         if name == "albedo" and "aligned" in found.sheets:
             continue
         sheets = [pictures.sheets.get("albedo" if name == "aligned" and pictures is true else name) for pictures in (found, true)]
-        if name == "view":
-            sheets[1] = sheets[1] or true.sheets.get("photograph")
         for row, label, shown in zip((below, above), labels, sheets, strict=True):
-            row.append((label, Image.fromarray(np.round(255 * shown[len(shown) // 2]).astype(np.uint8))) if shown else None)
+            row.append((label, Image.fromarray(np.round(255 * shown[places.get(name, 0)]).astype(np.uint8))) if shown else None)
         if below[-1] is above[-1] is None:
             del below[-1], above[-1]
     return labelled([above, below] if any(above[1:]) else [[above[0], *below]], title, width=WIDTH)

@@ -25,6 +25,7 @@ from ia_bench.report.site.page import Gallery, draw_pictures
 from ia_bench.runs.pictures import packing
 from ia_bench.runs.pictures.drawing import TURNS, Pictures, SceneRenderer
 from ia_bench.runs.pictures.packing import bundle
+from ia_bench.runs.pictures.preview import GAP, preview
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Scene, Truth
 
@@ -213,6 +214,21 @@ def test_of_photographs_without_a_truth_all_is_shown_from_where_they_were_taken(
     captured = replace(tiny, test=photographs[:2], novel=photographs, truth=None)
     shown = SceneRenderer(captured)
     assert [view.name for view in shown.test] == [view.name for view in shown.views]
+
+
+@pytest.mark.parametrize("held_out", [1, 3, 10])
+def test_the_preview_shows_render_and_maps_of_one_view(tiny: Scene, held_out: int) -> None:
+    """Of a capture with true maps all held-out views have maps, every second a render, and every fourth another light."""
+    seen = tuple(replace(view, light="train") for view in tiny.train[:held_out])
+    relit = tuple(replace(view, light="sunset") for view in seen)
+    shown = SceneRenderer(replace(tiny, test=seen, novel=(*seen, *relit)))
+    views = {"view": shown.views, "relit": shown.relit["sunset"], "albedo": shown.test, "roughness": shown.test}
+    number = {view.name: place for place, view in enumerate(seen)}
+    painted = Pictures({name: [np.full((8, 8, 3), number[view.name] / 255) for view in of] for name, of in views.items()})
+    picture = np.asarray(preview("", painted, painted, shown.of_one_view()))
+    side = picture.shape[1] // len(views)
+    middles = picture[-2 * GAP, side // 2 :: side, 0]
+    assert middles.tolist() == [{1: 0, 3: 0, 10: 4}[held_out]] * len(views)
 
 
 def test_the_turning_light_starts_as_it_is_and_goes_once_around(drawn: tuple[SceneRenderer, Pictures]) -> None:
