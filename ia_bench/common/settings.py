@@ -151,7 +151,7 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def _checked(adapter: TypeAdapter[T], known: Any, content: Mapping[str, Any], key: str) -> T:  # noqa: ANN401 (a class or names)
     try:
-        text = json.dumps(content)
+        text = json.dumps(content, default=repr)  # of another type, which the check below refuses by its key
     except (TypeError, ValueError) as error:
         raise InputError(f"{key}: expected numbers, texts, lists and tables, found {error}") from None
     _expect_writable(content, key)
@@ -165,7 +165,7 @@ def _checked(adapter: TypeAdapter[T], known: Any, content: Mapping[str, Any], ke
 
 
 def _expect_writable(content: Any, key: str) -> None:  # noqa: ANN401 (JSON)
-    """Raise InputError, naming the key, for what JSON has not: NaN, infinity, and text that holds bytes of no encoding."""
+    """Raise InputError, naming the key, for what JSON has not: NaN, infinity, text of no encoding, and types such as dates."""
     if isinstance(content, Mapping):
         for name, part in content.items():
             _expect_writable(part, f"{key}.{name}" if key else str(name))
@@ -176,6 +176,9 @@ def _expect_writable(content: Any, key: str) -> None:  # noqa: ANN401 (JSON)
         raise InputError(f"{key}: expected a finite number, found {content}")
     elif isinstance(content, str) and not content.isascii() and any("\ud800" <= letter <= "\udfff" for letter in content):
         raise InputError(f"{key}: expected text, found {content!r:.100}, which is none in UTF-8")
+    elif not isinstance(content, str | int | float | None):
+        found = f"the {type(content).__name__} {content!s:.100}"
+        raise InputError(f"{key}: expected a number, a text, a list or a table, found {found}")
 
 
 def _sentence(errors: Sequence[ErrorDetails], known: Any, content: Any, key: str) -> str:  # noqa: ANN401 (as _checked)

@@ -15,7 +15,7 @@ from ia_bench.common.files import read_yaml, user_path
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.ranges import Name
 from ia_bench.common.settings import flat, parsed, parsed_file
-from ia_bench.runs.composition import written
+from ia_bench.runs.composition import setting, written
 from ia_bench.scores.metrics import METRIC_OF
 
 SET_BY_TABLE = ("scene", "scene.name", "scene.path", "reader", "seed", "row", "out")
@@ -125,7 +125,7 @@ class Table:
         """Every row with every capture, as a row of its own; capture after capture."""
         found = []
         for settings in self.captures or [{}]:
-            label, more = capture_of(settings).label, [f"{name}={value}" for name, value in flat(settings, "capture.").items()]
+            label, more = capture_of(settings).label, [setting(name, value) for name, value in flat(settings, "capture.").items()]
             for row in self.rows:
                 if row.captures is None or label in row.captures:
                     name, overrides = crossed_name(row.name, label), [*row.overrides, *more]

@@ -34,6 +34,9 @@ def test_bad_table_file_is_named() -> None:
         ("captures: [{vews: 8}]", "unknown setting 'captures.vews'; did you mean 'captures.views'"),
         ("captures: [{views: 0}]", "captures.views: "),
         ("captures: []", "captures: expected at least one, found "),
+        ("captures: [{name: on}]", "captures.name: expected text, found True"),
+        ("captures: [{name: 007}]", "captures.name: expected text, found 7"),
+        ("captures: [{name: 2024-01-01}]", r"captures\[0\].name: expected a number, a text, .*, found the date 2024-01-01"),
         ("photographs: 0", "photographs: expected 1 or more, found 0"),
         (
             "rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: []}]",
@@ -152,6 +155,15 @@ def test_every_row_is_run_with_every_capture_unless_it_says_with_which() -> None
     assert (capture["a, 8 views, LDR"].views, capture["a, 8 views, LDR"].radiometry) == (8, "ldr")
     assert capture["a, mask growth -2.0"].faults.mask_growth == -2
     assert capture["a"] == capture["b"] == CaptureSettings()
+
+
+@pytest.mark.parametrize("name", ["1e3", "007", "1.50", "true", "on", "null", "a, b", "é"])
+def test_a_text_of_a_capture_reaches_the_run_as_it_is_written(name: str) -> None:
+    """Of which a command line without quotes makes another number, true, nothing or a list."""
+    captures = f"[{{name: '{name}', sdf: {{align: on}}}}]"
+    Path("t.yaml").write_text(f"scenes: [tiny]\nrows: [{{name: a, overrides: []}}]\ncaptures: {captures}")
+    (cell,) = make_cells(load_table("t.yaml"), TableRequest(overrides=("device=cpu",)), 1, Path("results/t"))
+    assert (cell.config.capture.name, cell.config.capture.sdf.align) == (name, True)
 
 
 def test_what_a_row_fills_in_is_that_of_each_scene_and_seed(tmp_path: Path) -> None:
