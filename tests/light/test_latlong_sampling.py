@@ -202,3 +202,28 @@ def test_dark_texels_beside_a_sun_keep_their_share() -> None:
         counts = np.bincount(draw(sampler, normal, u).numpy(), minlength=64 * 128)
         assert_frequencies(np.delete(counts, sun), DRAWS * np.delete(expected, sun) / dark, tests=len(NORMALS))
     assert seen >= 2
+
+
+@pytest.mark.parametrize("uniform_fraction", [0.0, 0.25])
+@pytest.mark.parametrize(("sun", "drawn_to"), [(1e6, 1e-5), (1e8, 3e-3)])
+@pytest.mark.parametrize("where", [(0, 0), (5, 16), (15, 31)])
+def test_shares_beside_a_sun_are_those_of_float64(
+    where: tuple[int, int], sun: float, drawn_to: float, uniform_fraction: float
+) -> None:
+    """Of every texel, for every cell of normals: its density, and its share of the tables by which texels are drawn."""
+    radiance = 0.1 + torch.rand(16, 32, 3, generator=torch.Generator().manual_seed(1))
+    radiance[where] = sun
+    sampler = LatLongSampler.build(radiance, uniform_fraction=uniform_fraction)
+    cells, (order, block) = torch.arange(BIN_SIDE**2), (sampler.grid.order.long(), sampler.grid.block.long())
+    evenly = sampler.grid.bound.double()[:, block] * torch.from_numpy(solid_angles(16, 32))
+    lit = evenly * radiance.double().mean(-1).flatten()
+    expected = (1 - uniform_fraction) * lit / lit.sum(1, keepdim=True) + uniform_fraction * evenly / evenly.sum(1, keepdim=True)
+
+    found = kernel_calls.density(sampler, cells[:, None], torch.arange(16 * 32)).double() * torch.from_numpy(solid_angles(16, 32))
+    torch.testing.assert_close(found, expected, rtol=2e-6, atol=0)
+
+    entries = torch.cat([torch.zeros(64, 1), sampler.entries[1:].reshape(64, -1) - cells[:, None]], 1).diff().reshape(64, 2, -1)
+    steps = torch.cat([torch.zeros(1), sampler.texels]).diff().reshape(2, -1) / sampler.edges.diff().reshape(2, -1)[:, block[order]]
+    drawn = torch.zeros_like(expected)
+    drawn[:, order] = (entries[:, :, block[order]] * steps).sum(1)
+    torch.testing.assert_close(drawn, expected, rtol=drawn_to, atol=0)
