@@ -6,6 +6,7 @@ we do (:mod:`ia_bench.light.latlong`): row 0 is +z (up), the middle column is +x
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -30,11 +31,25 @@ CLIPPED = 0.9999  # of a linear channel; 254 of 255 is .991
 
 # ---------------------------------------------------------------- files
 def pictures_in(folder: Path) -> list[Path]:
-    """The pictures in a folder, by name; suffixes may be in upper case. Raises InputError for no folder and for an empty one."""
+    """The pictures in a folder, by name, in which order they belong to cameras; suffixes may be in upper case.
+
+    Raises InputError for no folder, for an empty one, and for numbers without leading zeros: of 10.png and 2.png the formats' own
+    code takes 10 first, and whoever numbered the cameras may have taken 2.
+    """
     there = folder.iterdir() if folder.is_dir() else []
     found = sorted(path for path in there if path.suffix.lower() in SUFFIXES and path.name[0] != ".")  # not what macOS hides
     if not found:
         raise InputError(f"{folder}: expected a folder of photographs ({', '.join(SUFFIXES)}), found none")
+    before: dict[str, tuple[list[int], Path]] = {}  # of the names that differ in their numbers alone the last one
+    for path in found:
+        words, numbers = re.sub(r"[0-9]+", "0", path.stem), [int(digits) for digits in re.findall(r"[0-9]+", path.stem)]
+        if words in before and before[words][0] > numbers:
+            names = f"{before[words][1].name} before {path.name}"
+            raise InputError(
+                f"{folder}: expected names in the order of their numbers, as pictures belong to cameras by order, found {names}; "
+                "rename them with leading zeros, in the order of the cameras"
+            )
+        before[words] = numbers, path
     return found
 
 

@@ -52,6 +52,10 @@ def in_all(pattern: str, spoil: Callable[[str], Spoil]) -> Spoil:
     return lambda folder: [spoil(path.relative_to(folder).as_posix())(folder) for path in sorted(folder.glob(pattern))]
 
 
+def without_zeros(name: str, begin: str = "") -> Spoil:
+    return lambda folder: [path.rename(path.with_name(f"{begin}{int(path.stem)}.png")) for path in [*(folder / name).iterdir()]]
+
+
 def array(name: str, values: Array) -> Spoil:
     return lambda folder: np.save(folder / name, values)
 
@@ -199,6 +203,8 @@ MISTAKES: dict[str, Mistakes] = {
         "not finite": (one_matrix("world_mat_3", lambda m: m * np.nan), "world_mat_3: expected finite numbers, found NaN"),
         "other scale": (one_matrix("scale_mat_3", lambda m: 2 * m), "scale_mat_i: expected one positive scale"),
         "no mask": (gone("mask/003.png"), "image/003.png: expected a mask .*mask/003.png, found none"),
+        "no zeros": (without_zeros("image"), r"image: expected names in the order .*, found 18\.png before 2\.png; rename them"),
+        "no zeros in masks": (without_zeros("mask", "object "), r"mask: .* found object 18\.png before object 2\.png"),
     },
     "colmap": {
         "no model": (gone("sparse"), "expected a sparse model"),
@@ -225,6 +231,7 @@ MISTAKES: dict[str, Mistakes] = {
     },
     "llff": {
         "no poses": (gone(POSES), r"poses_bounds\.npy: no such file"),
+        "no zeros": (without_zeros("images"), r"images: expected names in the order .*, found 18\.png before 2\.png; rename them"),
         "a photograph is missing": (gone("images/003.png"), r"expected 18 x 17 numbers, a row a photograph .*\(19, 17\)"),
         "axes of OpenGL": (rows(lambda row: row[:, [1, 0, 2, 3, 4]] * [1, -1, 1, 1, 1]), f"{AXES}|{MESH}"),
         "axes of OpenCV": (rows(lambda row: row * [1, 1, -1, 1, 1]), "row 1: pose: expected a rotation.*det = -1"),
