@@ -161,6 +161,7 @@ def open_picture(path: Path, *, upright: bool = False, notice: Callable[[str], N
             expect_size_to_read(path, *file.size)
             if file.format == "TIFF" and not upright:  # which, of all formats, Pillow turns while it loads it
                 file.getexif().pop(ExifTags.Base.Orientation, None)
+            file.filename = ""  # by a name Pillow maps plain TIFFs into memory as if they lay there turned, which scrambles them
             reduced = file.mode not in HIGH_BIT_MODES and ";16" in str(file.tile)
             picture = _upright(file) if upright else file.copy()
     except InputError:  # of the size

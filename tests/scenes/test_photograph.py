@@ -47,11 +47,14 @@ def test_sizes_are_read_before_pixels(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-@pytest.mark.parametrize("suffix", ["png", "jpg", "tif"])
-def test_pixels_are_those_of_the_file_unless_turned_upright(tmp_path: Path, suffix: str, orientation: int) -> None:
+@pytest.mark.parametrize(
+    ("suffix", "mode"), [(suffix, "RGB") for suffix in ("png", "jpg", "tif")] + [("tif", mode) for mode in ("L", "I;16", "RGBA")]
+)
+def test_pixels_are_those_of_the_file_unless_turned_upright(tmp_path: Path, suffix: str, mode: str, orientation: int) -> None:
     """The stored pixels are those that were written; upright ones are what Pillow makes of a PNG, since it turns TIFF by itself."""
-    pixels = np.zeros((32, 48, 3), np.uint8)
-    pixels[:16, :16], pixels[16:, 32:] = (250, 128, 3), (3, 9, 128)
+    pixels = np.zeros((32, 48, 4), np.uint8)
+    pixels[:16, :16], pixels[16:, 32:] = (250, 128, 3, 255), (3, 9, 128, 77)
+    pixels = pixels[..., 0] * np.uint16(257) if mode == "I;16" else pixels[..., 0] if mode == "L" else pixels[..., : len(mode)]
     exif = Image.Exif()
     exif[0x112] = orientation
     tag: dict[str, Any] = {"tiffinfo": {0x112: orientation}} if suffix == "tif" else {"exif": exif}
