@@ -45,7 +45,9 @@ class SceneReader(Protocol):
     """A format of scenes, made by ``Reader(path, **options)``.
 
     ``path`` is the folder that ``scene.path`` names, absolute and there, or None where the user gave none: a reader that keeps
-    or computes its data elsewhere needs none. ``options`` are ``reader.options``, checked against the signature of the class.
+    or computes its data elsewhere needs none. ``options`` are ``reader.options``, whose types and ranges are checked against the
+    annotations of the class where a configuration names it, as that of a command or of ``ib.load`` does. Who calls the class in
+    Python goes past that check.
 
     A reader may also have ``label``, what tables call the scene (by default the folder's name), and ``files()``, the list of all
     files that it may read: runs are known by the content of these, or else by that of everything below ``path``.
