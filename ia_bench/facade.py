@@ -6,12 +6,11 @@ Everything here goes the way of ``ia-bench run``: settings have the same names, 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from numbers import Integral
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, get_args
 
 import numpy as np
 import pandas as pd
@@ -19,14 +18,16 @@ import torch
 from PIL import Image
 
 from ia_bench.capture.capture import captured
-from ia_bench.common.errors import InputError
+from ia_bench.common.calls import expect_kind, expect_whole, path_of
+from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import log
-from ia_bench.common.files import shown, user_path
+from ia_bench.common.files import user_path
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.registry import process_state_kept
 from ia_bench.common.settings import flat
 from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.readers.contract import check_camera
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.report.collect import CellKey, collect
@@ -77,8 +78,10 @@ def load(scene: str | Path, *, reader: str = "native", **settings: Any) -> Loade
     Raises:
         InputError: There is no such scene, or something is wrong with it.
     """
+    expect_kind(str, "a reader's name", reader=reader)
+    folder = path_of("scene", scene)
     is_name = reader == "native" and isinstance(scene, str) and Path(scene).name == scene != ".."
-    place = {"scene": scene} if is_name else {"scene.path": Path(scene).expanduser().resolve()}
+    place = {"scene": scene} if is_name else {"scene.path": folder.resolve()}
     given = tuple(_overrides(from_anywhere({**place, "reader": reader, **settings})))
     with process_state_kept():
         config = compose(given)
@@ -98,7 +101,7 @@ class Fit(Recovered):
 
     def __init__(self, folder: str | Path) -> None:
         """Raises InputError for a folder that holds no finished run."""
-        super().__init__(Path(folder))
+        super().__init__(path_of("folder", folder))
 
     def __repr__(self) -> str:
         """The scores, as the command prints them."""
@@ -149,9 +152,11 @@ class Fit(Recovered):
             samples: Directions of light a pixel.
 
         Raises:
-            InputError: There is no such light, none was recovered, or ``samples`` is none.
+            InputError: There is no such light, none was recovered, or an argument is none.
         """
-        _expect_some(samples=samples)
+        expect_whole(1, samples=samples)
+        expect_kind(Camera, "a Camera", camera=camera)
+        check_camera("camera", camera)
         found, texels = self._textured, None if light is None else self._texels(light)
         environment = None if texels is None else LatLongEnvironment(torch.from_numpy(texels).to(found.device))
         with process_state_kept():
@@ -168,7 +173,10 @@ class Fit(Recovered):
         ``light`` and ``samples`` as in :meth:`render`; ``view``: the name of a view of the scene, as "test/0001", or "still",
         from the side and above; ``size``: height in pixels; ``background``: "transparent", "light" or "white".
         """
-        _expect_some(size=size, samples=samples)
+        expect_whole(1, size=size, samples=samples)
+        expect_kind(str, "text", view=view, background=background)
+        if background not in get_args(Background):
+            raise InputError(unknown("background", background, get_args(Background)))
         frames = frames_of(view, 1, self.scene.expect_mesh(), self.scene, size)
         with process_state_kept():
             pictures, _ = draw(self._textured, self._texels(light), frames, background=background, quality=Quality(3, samples))
@@ -176,7 +184,7 @@ class Fit(Recovered):
 
     def save(self, path: str | Path) -> Path:
         """Write the object with its textures as a glTF binary, which any viewer opens. Raises InputError for another suffix."""
-        path, asset = Path(path), self.folder / "asset.glb"
+        path, asset = path_of("path", path), self.folder / "asset.glb"
         if path.suffix.lower() != ".glb":
             raise InputError(f"{path}: expected a name that ends with .glb, found {path.suffix or 'none'}")
         if not self.has("asset.glb"):
@@ -194,8 +202,8 @@ class Fit(Recovered):
 
     def _texels(self, light: Light) -> np.ndarray:
         if isinstance(light, np.ndarray):
-            if light.ndim != 3 or light.shape[1:] != (2 * len(light), 3) or not light.size:
-                raise InputError(f"light: expected an array (H, 2 H, 3) of radiance, found one of {light.shape}")
+            if light.dtype.kind not in "biuf" or light.ndim != 3 or light.shape[1:] != (2 * len(light), 3) or not light.size:
+                raise InputError(f"light: expected an array (H, 2 H, 3) of radiance, found one of {light.shape} {light.dtype}")
             if not (np.isfinite(light).all() and light.min() >= 0):
                 raise InputError(f"light: expected finite radiance of 0 and more, found {light.min():.4g} to {light.max():.4g}")
             return np.asarray(light, np.float32)
@@ -232,7 +240,13 @@ def fit(
     if not isinstance(scene, LoadedScene) or not scene.settings:
         found = "one that was changed since" if isinstance(scene, LoadedScene) else type(scene).__name__
         raise InputError(f"scene: expected what ib.load has read from files, found {found}")
-    own = {"prior": prior, "preset": preset, "seed": seed, "device": device, **({} if out is None else {"out": out})}
+    own = {
+        "prior": prior,
+        "preset": preset,
+        "seed": seed,
+        "device": device,
+        **({} if out is None else {"out": path_of("out", out)}),
+    }
     with process_state_kept(), Progress(quiet=not progress) as shown:
         _, folder = execute(compose([*scene.settings, *_overrides(own | settings)]), shown)
     return Fit(folder)
@@ -249,6 +263,9 @@ def score(found: Fit, scene: LoadedScene | None = None, *, protocol: str | None 
         protocol: The name of another protocol than that of the run.
         progress: Whether progress is shown on standard error.
     """
+    expect_kind(Fit, "a Fit", found=found)
+    expect_kind(Scene | None, "a scene", scene=scene)
+    expect_kind(str | None, "a protocol's name", protocol=protocol)
     rules = found.config.protocol if protocol is None else compose([f"protocol={protocol}"]).protocol
     compared = found.scene if scene is None else captured(scene, found.config.capture, log.info)
     with process_state_kept(), Progress(quiet=not progress) as shown:
@@ -261,19 +278,14 @@ def table(runs: Sequence[Fit | str | Path]) -> pd.DataFrame:
     ``runs``: fits, and folders that are searched for runs. Raises InputError for two runs of one row, scene and seed: name a
     row by ``fit(..., row="mine")``.
     """
+    if isinstance(runs, str) or not isinstance(runs, Iterable):
+        raise InputError(f"runs: expected a list of fits and folders, found {type(runs).__name__}")
     folders: dict[Path, CellKey | None] = {}
     for one in runs:
-        found = {one.folder: None} if isinstance(one, Fit) else folders_with_cells([Path(one)], log.info)
+        found = {one.folder: None} if isinstance(one, Fit) else folders_with_cells([path_of("runs", one)], log.info)
         for folder, cell in found.items():  # a fit may lie in a folder that is searched, too
             folders[folder.resolve()] = cell or folders.get(folder.resolve())
     return collect(folders).runs.reindex(columns=list(SHOWN)).dropna(axis=1, how="all")
-
-
-def _expect_some(**counts: object) -> None:
-    """Raise InputError for one that is no whole number above 0."""
-    for name, count in counts.items():
-        if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
-            raise InputError(f"{name}: expected a whole number above 0, found {shown(repr(count))}")
 
 
 def _overrides(settings: Mapping[str, Any]) -> list[str]:

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,11 +61,12 @@ def test_a_light_is_a_name_a_file_or_an_array(fit: ib.Fit, scene: ib.LoadedScene
         (np.ones((16, 16, 3)), r"\(H, 2 H, 3\)"),
         (-np.ones((4, 8, 3)), "-1 to -1"),
         (np.full((4, 8, 3), np.nan), "nan"),
+        (np.ones((4, 8, 3), object), "object"),
     ):
         with pytest.raises(ib.InputError, match=said):
             fit.render(camera, wrong)
     for call, named in ((fit.render, {"samples": 0}), (fit.relight, {"samples": -1}), (fit.relight, {"size": 0})):
-        with pytest.raises(ib.InputError, match=f"{[*named][0]}: expected a whole number above 0, found"):
+        with pytest.raises(ib.InputError, match=f"{[*named][0]}: expected a whole number of at least 1, found"):
             call(camera if call == fit.render else name, **named)
 
 
@@ -114,6 +116,58 @@ def test_a_folder_is_no_name(scene: ib.LoadedScene, tiny_copy: Path, monkeypatch
     assert ib.load("theirs", reader="nerfstudio", **given).settings[-1] == f"reader.options.mesh='{tiny_copy / 'mesh.ply'}'"
     with pytest.raises(ib.InputError, match="did you mean 'tiny'"):
         ib.load("tinny")
+
+
+NO_PATHS = {
+    "nothing": None,
+    "a number": 3,
+    "NaN": np.nan,
+    "a list": [],
+    "bytes": b"x",
+    "no text": "",
+    "NUL": "a\0b",
+    "long": "x" * 5000,
+}
+
+
+@pytest.mark.parametrize("wrong", NO_PATHS.values(), ids=NO_PATHS)
+def test_what_is_no_path_is_told_in_a_sentence(fit: ib.Fit, scene: ib.LoadedScene, wrong: Any) -> None:
+    for name, call in {
+        "scene": lambda: ib.load(wrong, reader="dtu"),
+        "folder": lambda: ib.Fit(wrong),
+        "path": lambda: fit.save(wrong),
+        "runs": lambda: ib.table([wrong]),
+        "image": lambda: ib.decompose(wrong),
+        **({"out": lambda: ib.fit(scene, out=wrong)} if wrong is not None else {}),
+    }.items():
+        with pytest.raises(ib.InputError, match=f"^{name}: expected a path, found "):
+            call()
+
+
+def test_an_argument_of_another_kind_is_told_in_a_sentence(fit: ib.Fit, scene: ib.LoadedScene) -> None:
+    camera, light = scene.test[0].camera, next(iter(scene.truth.lights))
+    blind = replace(camera, to_world=np.full((4, 4), np.nan))
+    for call, said in (
+        (lambda: ib.load("~nobody_of_that_name/mug"), "scene=~nobody_of_that_name/mug: expected a path, found one without a home"),
+        (lambda: ib.load("tiny", reader=np.ones(3)), "reader: expected a reader's name, found ndarray"),
+        (lambda: ib.load("tiny", reader="x" * 5000), "reader: expected one name, found 'xxx"),
+        (lambda: ib.load(".", reader="dtu", **{"reader.options.every": 1}), "reader.options.every: expected 2 or more, found 1"),
+        (lambda: fit.render("test/0001"), "camera: expected a Camera, found str"),
+        (lambda: fit.render(blind), "camera: expected a rotation and a translation"),
+        (lambda: fit.render(camera, samples=np.nan), "samples: expected a whole number of at least 1, found nan"),
+        (lambda: fit.relight(light, None), "view: expected text, found NoneType"),
+        (lambda: fit.relight(light, background="trasparent"), "unknown background 'trasparent'; did you mean 'transparent'"),
+        (lambda: ib.score(fit.folder), "found: expected a Fit, found PosixPath"),
+        (lambda: ib.score(fit, "tiny"), "scene: expected a scene, found str"),
+        (lambda: ib.score(fit, protocol=3), "protocol: expected a protocol's name, found int"),
+        (lambda: ib.table(fit), "runs: expected a list of fits and folders, found Fit"),
+        (lambda: ib.table("runs"), "runs: expected a list of fits and folders, found str"),
+        (lambda: ib.decompose("a.png", prior=None), "prior: expected a prior's name, found NoneType"),
+        (lambda: ib.decompose("a.png", options=[]), "options: expected a table, found list"),
+        (lambda: ib.decompose("a.png", size=7), "size: expected a whole number of at least 8, found 7"),
+    ):
+        with pytest.raises(ib.InputError, match=f"^{said}"):
+            call()
 
 
 def test_values_are_written_as_hydra_reads_them(scene: ib.LoadedScene) -> None:

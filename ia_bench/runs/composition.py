@@ -23,6 +23,7 @@ from ia_bench.common import registry
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.files import shown
 from ia_bench.common.paths import conf_folder
+from ia_bench.common.ranges import LONGEST_NAME
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.config import RunConfig, resolved
 from ia_bench.scores.protocol import Protocol
@@ -122,7 +123,7 @@ def _group_by_name(setting: re.Match[str]) -> str:
     group, key, value = setting.groups()
     if not (conf_folder() / key).is_dir():
         return setting[0]
-    if re.fullmatch(r"\[.*\]", value) or not value.isprintable():
+    if re.fullmatch(r"\[.*\]", value) or not value.isprintable() or (len(value) > LONGEST_NAME and value[0] != "{"):
         raise InputError(f"{key}: expected one name, found {shown(value)}")
     return f"{group}='{value}'" if re.fullmatch(r"[\w.+-]+", value) else setting[0]
 

@@ -20,6 +20,7 @@ from PIL import Image
 
 from ia_bench.common import registry
 from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.calls import expect_kind, expect_whole, path_of
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.common.seeds import derive_seed
@@ -71,11 +72,13 @@ def decompose(
     ``size``: a picture whose longer side has more pixels is reduced to that many, at least 8. ``seed``: at least 0.
     Raises InputError.
     """
-    for name, value, least in (("samples", samples, 1), ("size", size, 8), ("seed", seed, 0)):
-        if value < least:
-            raise InputError(f"{name}: expected at least {least}, found {value}")
+    expect_whole(1, samples=samples)
+    expect_whole(8, size=size)
+    expect_whole(0, seed=seed)
+    expect_kind(str, "a prior's name", prior=prior)
+    expect_kind(Mapping | None, "a table", options=options)
     maker = make_prior(prior, options or {})
-    radiance, coverage = read_photograph(Path(image), None if mask is None else Path(mask))
+    radiance, coverage = read_photograph(path_of("image", image), None if mask is None else path_of("mask", mask))
     return decompose_with(maker, *reduced(radiance, coverage, size), samples=samples, seed=seed)
 
 
