@@ -89,8 +89,6 @@ def _values(kernel: wp.Kernel, arguments: Sequence[object], device: torch.device
         if isinstance(value, Tensor):
             if value.device.type != device.type:  # Warp would follow an address that means nothing there
                 raise ValueError(f"{kernel.key}({argument.label}): expected a tensor on {device.type}, found one on {value.device}")
-            if not value.is_contiguous():  # Warp would heed strides, native code would not
-                raise ValueError(f"{kernel.key}({argument.label}): expected a contiguous tensor, found strides {value.stride()}")
             value = wp.from_torch(value.detach(), dtype=argument.type.dtype, return_ctype=True)
             if value.ndim != argument.type.ndim:  # Warp would read beyond the end
                 raise ValueError(f"{kernel.key}({argument.label}): expected {argument.type.ndim} axes, found {value.ndim}")

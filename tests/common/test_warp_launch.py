@@ -116,26 +116,6 @@ def test_other_tensors_than_the_kernels_are_refused(name: str, value: torch.Tens
         launch(_of_several_axes, 5, *(GOOD | {name: value}).values(), device=CPU)
 
 
-@wp.func_native("found.data[n] = flat.data[n];")
-def _copied(n: int, flat: wp.array(dtype=float), found: wp.array(dtype=float)): ...
-
-
-@wp.kernel(enable_backward=False)
-def _copy(first: int, flat: wp.array(dtype=float), found: wp.array(dtype=float)):
-    _copied(first + wp.tid(), flat, found)
-
-
-def test_a_tensor_that_is_scattered_in_memory_is_refused() -> None:
-    """Native code counts through memory, and would read and write what lies between."""
-    scattered, found = torch.arange(10.0)[::2], torch.zeros(5)
-    with pytest.raises(ValueError, match=r"\(flat\): expected a contiguous tensor, found strides \(2,\)"):
-        launch(_copy, 5, scattered, found, device=CPU)
-    with pytest.raises(ValueError, match=r"\(found\): expected a contiguous tensor, found strides \(2,\)"):
-        launch(_copy, 5, found, scattered, device=CPU)
-    launch(_copy, 5, scattered.contiguous(), found, device=CPU)
-    assert torch.equal(found, scattered)
-
-
 @pytest.mark.parametrize("name", GOOD)
 def test_a_tensor_on_another_device_is_refused(name: str) -> None:
     """By its name, before an address of one memory is followed in another, which ends a process or all of CUDA in it."""
