@@ -56,8 +56,8 @@ def launch(
 ) -> None:
     """Run ``kernel`` for ``count`` items, ``lanes`` of them at a time; it reads and writes tensors among ``arguments`` in place.
 
-    A kernel's first parameter is the number of the first item of its range, which is given here. Tensors have to be contiguous
-    and of the kernel's own types (a ``vec3`` is a last axis of 3, for instance).
+    A kernel's first parameter is the number of the first item of its range, which is given here. Tensors have to be
+    of the kernel's own types (a ``vec3`` is a last axis of 3, for instance), and contiguous where C++ of our own reads them.
 
     Its last parameters are ``sums``, to which any item may add anywhere. Sums into one place by two threads would be lost, so every
     range but the first has some of its own, which are added at the end. None stands for a sum that the kernel leaves alone.
