@@ -24,6 +24,7 @@ from torch import Tensor
 
 from ia_bench.common.atomic_file import whole_file
 
+ROUNDING = 1  # part of every key; raised when a change of the code gives all that is kept other last digits
 CACHE_BYTES = 4 << 30  # what was used longest ago is removed beyond this
 
 
@@ -38,7 +39,7 @@ def cache_folder() -> Path:
 
 def content_key(kind: str, *parts: str | Tensor | np.ndarray) -> str:
     """``kind`` and a hash over texts and the dtype, shape and bytes of arrays, each delimited."""
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(f"{ROUNDING}\0".encode())
     for part in parts:
         if isinstance(part, str):
             digest.update(f"{len(part)}\0{part}".encode())

@@ -114,6 +114,11 @@ def _version(package: str) -> str | None:
         return None
 
 
+def instructions() -> list[str]:
+    """What the variables of INSTRUCTIONS are set to, "" for one that is not."""
+    return [os.environ.get(name, "") for name in INSTRUCTIONS]
+
+
 def settle_libraries(threads: int) -> None:
     """Make every library of this process use ``threads`` CPU threads and, on x86, the same instructions on every processor.
 

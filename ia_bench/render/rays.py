@@ -51,8 +51,8 @@ class RayCaster:
         """Nearest hits of rays, (N, 3) origins and directions.
 
         Returns the triangle (N,) int64, -1 for a miss; the barycentrics (N, 2) of corners 1 and 2; the distance (N,), Inf
-        for a miss. Or (N, K) of each for (N, K, 3) directions, K from every origin, of which only those are traced that are
-        ``asked`` (N, K) bool for; the others count as misses.
+        for a miss, and by rounding less than 0 where a ray begins on a triangle. Or (N, K) of each for (N, K, 3) directions, K
+        from every origin, of which only those are traced that are ``asked`` (N, K) bool for; the others count as misses.
 
         ``coherent`` says that rays that follow each other take nearly the same way, which some tracers find sooner.
         """
@@ -122,8 +122,9 @@ _PACKETS = """
             const wp::vec3d across = wp::vec3d(context.vertices[context.corners[3 * face + 2]]) - corner;
             const wp::vec3d sideways = wp::cross(d, across);
             const double determinant = wp::dot(along, sideways);
-            double u = 0.0, v = 0.0;
+            double u = 0.0, v = 0.0, grazing = 0.0;
             if (determinant != 0.0) {
+                grazing = wp::length(wp::cross(along, across)) / wp::abs(determinant);  // of a direction of unit length, 1 / cos
                 u = wp::clamp(wp::dot(o - corner, sideways) / determinant, 0.0, 1.0);
                 v = wp::clamp(wp::dot(d, wp::cross(o - corner, along)) / determinant, 0.0, 1.0 - u);
             }
@@ -131,7 +132,8 @@ _PACKETS = """
             Hit& best = context.hits[((unsigned*)ray)[10 * N]];
             if (best.face == NOTHING || distance < best.distance || (distance == best.distance && face < best.face)) {
                 best = {distance, u, v, face};
-                ray[8 * N] = (float)(distance + ROUNDING * (distance + wp::length(o)));  // so that none is kept from us
+                const double error = ROUNDING * (wp::length(o) + wp::length(o - corner)) * grazing;
+                ray[8 * N] = (float)(distance + error);  // so that Embree's rounding keeps none from us
             } else {
                 found->valid[k] = 0;
             }
@@ -244,7 +246,7 @@ class EmbreeRays(RayCaster):
         for values, kind, form in ((faces, INDICES, UINT3), (vertices, VERTICES, FLOAT3)):
             buffer = library.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(values))
             ctypes.memmove(buffer, np.ascontiguousarray(values).ctypes.data, 12 * len(values))
-        self._triangles = torch.from_numpy(vertices), torch.from_numpy(faces.astype(np.int32).reshape(-1))
+        self._triangles = torch.from_numpy(vertices.copy()), torch.from_numpy(faces.astype(np.int32).reshape(-1))
         library.rtcCommitGeometry(geometry)
         library.rtcAttachGeometry(self._scene, geometry)
         library.rtcReleaseGeometry(geometry)

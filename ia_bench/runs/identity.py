@@ -30,7 +30,7 @@ from ia_bench.runs.config import (
     slug,
 )
 
-IDENTITY_VERSION = 12
+IDENTITY_VERSION = 13
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
 LABELS = ("command", "out", "row", "preset", "fit")
 """Settings that decide no number: what a run is called, where its results go, and what other settings already hold."""

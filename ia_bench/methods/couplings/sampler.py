@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.cache import Cache, content_key
+from ia_bench.common.machine import instructions
 from ia_bench.methods.contract import PixelSamples, Problem
 from ia_bench.methods.photographs import count_views, restrict, stacked, view_geometry
 from ia_bench.priors.contract import Distiller, Observations, Prior, Refiner, Samples
@@ -117,7 +118,8 @@ class PriorSampler:
 
     def _key(self, shown: Observations) -> str:
         """What decides a sample: the prior, the seed and all that is shown."""
-        rounding = f"torch {torch.__version__}, {torch.get_num_threads()} threads"  # the last bits depend on both
+        # the last bits depend on these
+        rounding = f"torch {torch.__version__}, {torch.get_num_threads()} threads, {' '.join(instructions())}"
         geometry = [tensor for tensor in (shown.normals, shown.visibility, shown.view_count) if tensor is not None]
         return content_key("samples", str(self._fingerprint), rounding, str(self._seed), shown.images, shown.masks, *geometry)
 
