@@ -84,7 +84,6 @@ def test_nearest_hits_and_whether_there_is_one(kind: str, name: str) -> None:
     assert rays.rays == 2 * len(origins)
 
 
-@pytest.mark.skipif("avx2" not in Path("/proc/cpuinfo").read_text(), reason="no AVX2 here")
 @pytest.mark.skipif("avx512f" not in Path("/proc/cpuinfo").read_text(), reason="no AVX-512 here to be left out")
 @pytest.mark.parametrize("elevation", [90.0, 30.0, 1.0, 0.2])
 def test_hits_are_those_of_every_processor(elevation: float, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,12 +92,12 @@ def test_hits_are_those_of_every_processor(elevation: float, monkeypatch: pytest
     directions that graze them by a few degrees of ``elevation``."""
     plate_and_soup = together(plate(1.0), soup(60, 3))
     mesh = mesh_of(plate_and_soup.vertices, [*plate_and_soup.faces.tolist(), *plate_and_soup.faces[:, ::-1].tolist()])
-    mesh = mesh_of(mesh.vertices @ Rotation.from_euler("xyz", (0.3, 0.5, 0.7)).as_matrix().T, mesh.faces)
+    turned = Rotation.from_euler("xyz", (0.3, 0.5, 0.7)).as_matrix().T
+    mesh = mesh_of(mesh.vertices @ turned, mesh.faces)
     rng, height = np.random.default_rng(5), np.radians(elevation)
     around = rng.uniform(0, 2 * np.pi, 20_000)
     toward = np.stack([np.cos(height) * np.cos(around), np.cos(height) * np.sin(around), np.full(20_000, -np.sin(height))], -1)
     start = np.stack([*rng.uniform(-0.9, 0.9, (2, 20_000)), np.zeros(20_000)], -1) - rng.uniform(0.5, 2, (20_000, 1)) * toward
-    turned = Rotation.from_euler("xyz", (0.3, 0.5, 0.7)).as_matrix().T
     origins, directions = (torch.from_numpy(a @ turned).float() for a in (start, toward))
     library = embree_library()[0]
     found = EmbreeRays(mesh).intersect(origins, directions)
@@ -107,7 +106,8 @@ def test_hits_are_those_of_every_processor(elevation: float, monkeypatch: pytest
     for values, others in zip(found, EmbreeRays(mesh).intersect(origins, directions), strict=True):
         assert torch.equal(values, others)
     exact_face, exact_uv, exact_distance, doubtful = brute_force(mesh, origins.double().numpy(), directions.double().numpy())
-    clear = ~doubtful & (exact_face == found[0].numpy())
+    clear = ~doubtful & (exact_face >= 0) & (exact_face == found[0].numpy())
+    assert clear.any()
     np.testing.assert_allclose(found[1].numpy()[clear], exact_uv[clear], atol=1e-7)
     np.testing.assert_allclose(found[2].numpy()[clear], exact_distance[clear], rtol=2e-7)
 
