@@ -53,7 +53,7 @@ class Losses:
         losses = {"image": weights.image * image}
         # ---- lambda_2, lambda_3: the prior
         shown = StepRender(rendered.albedo, rendered.specular, parameters.alone("albedo"), generator)
-        losses |= self._prior.losses(shown, pixels, step)
+        losses |= {f"prior: {name}": loss for name, loss in self._prior.losses(shown, pixels, step).items()}
         # ---- lambda_4: smoothness of what is optimised by now
         prices = {"albedo": weights.smooth_albedo, "roughness": weights.smooth_roughness, "metallic": weights.smooth_roughness}
         frozen = parameters.frozen(step, steps)

@@ -10,7 +10,8 @@ import torch
 from small_fit import Found, Record, altered, coupled, fit, make_problem, regularised, same
 from torch import Tensor
 
-from ia_bench.methods.contract import Coupling, NoCoupling, Problem
+from ia_bench.common.errors import PluginError
+from ia_bench.methods.contract import Coupling, NoCoupling, PixelSamples, Problem, StepRender
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.couplings.targets import Distilled, Targets
 from ia_bench.methods.two_stage.settings import FitSettings, LossWeights
@@ -184,3 +185,26 @@ def test_distilled_gaussian_converges_to_its_mean(problem: Problem) -> None:
         return float((seen - problem.pixels_of(mean))[inner].abs().mean())
 
     assert distance(found) < 0.15 * distance(torch.full_like(texture, SETTINGS.albedo_initial))
+
+
+# ---- what a plug-in may do -------------------------------------------------------------------------------------------
+class Named(Coupling):
+    """A loss of nothing under any name, asked for again every ``period`` steps."""
+
+    def __init__(self, name: str = "mine", period: int = 0) -> None:
+        self.name, self.period = name, period
+
+    def prepare(self, samples: PixelSamples, problem: Problem) -> None: ...
+
+    def loss(self, render: StepRender, pixels: Tensor) -> dict[str, Tensor]:
+        return {self.name: 0 * render.albedo.mean()}
+
+
+def test_a_loss_of_a_coupling_stands_beside_those_of_the_fit_whatever_its_name(problem: Problem, scene: Scene) -> None:
+    mine, image = (fit(coupled(problem, Named(name)), noisy(scene)[1], SETTINGS, Record()) for name in ("mine", "image"))
+    assert same(mine, image)
+
+
+def test_a_coupling_that_asks_again_about_no_view_is_refused(problem: Problem, scene: Scene) -> None:
+    with pytest.raises(PluginError, match=r"asks again every 3 steps, so expected views of 1 or more, found 0"):
+        fit(coupled(problem, Named(period=3)), noisy(scene)[1], SETTINGS, Record())
