@@ -47,8 +47,10 @@ def photographed(views: Sequence[View], settings: CaptureSettings, masks: Sequen
         codes = eight_bits(exposure * picture)
         if settings.jpeg != "none":
             codes = through_jpeg(codes, settings.jpeg)
-        clipped = (codes == WHITE).any(-1) & (mask > 0)
-        taken.append(_cut_out(replace(view, valid=view.known & ~clipped), srgb_to_linear(codes / WHITE) / unit, mask))
+        view = replace(view, valid=view.known & ~((codes == WHITE).any(-1) & (mask > 0)))
+        if view.specular is not None and settings.exposure == "per_image":  # whose truth is in the unit of its photograph
+            view = replace(view, specular=view.specular * (exposure / unit))
+        taken.append(_cut_out(view, srgb_to_linear(codes / WHITE) / unit, mask))
     return tuple(taken)
 
 

@@ -88,6 +88,9 @@ def test_one_exposure_is_divided_out_and_many_are_not() -> None:
     each = ldr([bright, dark], 100, exposure="per_image")
     np.testing.assert_allclose(each[0].image, each[1].image)  # exposures of 1/8 and 1/2 make them alike ...
     np.testing.assert_allclose(each[0].image[0, 0, 0], 4, rtol=1e-5)  # ... in the unit of their geometric mean, 1/4
+    lit = [replace(view, specular=0.5 * view.image) for view in (bright, dark)]
+    for view in ldr(lit, 100, exposure="per_image"):  # what a prior that sees the truth is told is as its photograph
+        np.testing.assert_allclose(view.specular, 0.5 * view.image, rtol=0.02)
 
 
 def test_ldr_captures_say_what_they_lost(tiny: Scene) -> None:
