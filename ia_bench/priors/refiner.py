@@ -18,7 +18,7 @@ from torch.nn import functional as F
 
 from ia_bench.common.errors import InputError
 from ia_bench.priors.contract import Observations, Samples
-from ia_bench.priors.diffusion.encoding import box_of
+from ia_bench.priors.diffusion.encoding import DARKEST, box_of
 from ia_bench.priors.diffusion.learned import RegressorPrior, weights_folder
 from ia_bench.priors.weight_files import fill, read_description
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
@@ -171,7 +171,7 @@ def see(
     mask = masks[..., None]
     straight = 1 / mask.clamp_min(LEAST_COVERAGE)
     inside = (mask > 0.5).float()
-    exposure, factor = PHOTOGRAPH / _mean(images * straight, inside), ALBEDO / _mean(albedo * straight, inside)
+    exposure, factor = PHOTOGRAPH / _mean(images * straight, inside, DARKEST), ALBEDO / _mean(albedo * straight, inside, 1e-4)
     photograph = (images * straight * exposure).clamp(0, LARGEST_RADIANCE)
     rendered = (renders["radiance"] * straight * exposure).clamp(0, LARGEST_RADIANCE)
     shine = (renders["specular"] * straight * exposure).clamp(0, LARGEST_RADIANCE)
@@ -187,10 +187,10 @@ def see(
     return Seen(first[0], first[1], factor, first[2], mask)
 
 
-def _mean(values: Tensor, inside: Tensor) -> Tensor:
-    """(N, 1, 1, 1): the mean of (N, H, W, 3) over pixels and channels, at least 1e-4."""
+def _mean(values: Tensor, inside: Tensor, least: float) -> Tensor:
+    """(N, 1, 1, 1): the mean of (N, H, W, 3) over pixels and channels, or the ``least`` that it may be."""
     total = (values * inside).sum((1, 2, 3)) / (3 * inside.sum((1, 2, 3))).clamp_min(1)
-    return total.clamp_min(1e-4)[:, None, None, None]
+    return total.clamp_min(least)[:, None, None, None]
 
 
 class RefinerNetwork(nn.Module):

@@ -28,6 +28,7 @@ EXPOSED_QUANTILE = 0.9
 EXPOSED_VALUE = 0.7
 """Linear; leaves half a stop to highlights before an image clips, as a camera's automatic exposure does."""
 FAINTEST = 1e-3  # a coverage below it counts as it: what so faint a pixel shows is rounding
+DARKEST = 1e-30  # a radiance, in any unit, below which there is no light
 MARGIN = 0.03
 """Margin on each side of the box around the object, as a share of its side: training images leave about as much."""
 MULTIPLE = 8
@@ -49,7 +50,7 @@ def exposure(images: Tensor, masks: Tensor) -> Tensor:
     count = inside.sum(1)
     rank = (EXPOSED_QUANTILE * (count - 1)).round().long().clamp_min(0)
     level = ordered.gather(1, rank[:, None])[:, 0]
-    usable = (count > 0) & (level > 1e-8)
+    usable = (count > 0) & (level > DARKEST)
     return torch.where(usable, EXPOSED_VALUE / torch.where(usable, level, 1.0), 1.0)
 
 
