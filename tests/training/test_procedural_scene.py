@@ -67,6 +67,7 @@ def test_a_scene_is_a_function_of_its_draws(drawn: ProceduralScene) -> None:
 def test_photographs_show_the_object(drawn: ProceduralScene) -> None:
     views = drawn.scene.train
     assert len(views) in PHOTOGRAPHS
+    assert drawn.scene.metallic is False, "or every fit would look for metal first"
     assert drawn.albedo.shape == (len(views), SIZE, SIZE, 3)
     gbuffer = Stage(drawn.scene.expect_mesh(), torch.device("cpu")).gbuffer([view.camera for view in views], 1)
     hit = _image(gbuffer.coverage())

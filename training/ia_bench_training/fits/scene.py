@@ -97,7 +97,7 @@ def draw_scene(rng: Generator, size: int) -> ProceduralScene:
         View(f"{number:04d}", camera, image.astype(np.float32), mask.astype(np.float32))
         for number, (camera, image, mask) in enumerate(zip(cameras, radiance, masks, strict=True))
     )
-    scene = Scene("procedural", "a procedural scene", mesh, views)
+    scene = Scene("procedural", "a procedural scene", mesh, views, metallic=False)
     if rng.random() < CLIPPED:
         scene = captured(scene, CaptureSettings(radiometry="ldr"), lambda _: None)
     return ProceduralScene(scene, albedo, roughness)
