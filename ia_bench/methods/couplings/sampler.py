@@ -120,8 +120,9 @@ class PriorSampler:
         """What decides a sample: the prior, the seed and all that is shown."""
         # the last bits depend on these
         rounding = f"torch {torch.__version__}, {torch.get_num_threads()} threads, {' '.join(instructions())}"
+        about = repr((self._seed, shown.views, shown.names))
         geometry = [tensor for tensor in (shown.normals, shown.visibility, shown.view_count) if tensor is not None]
-        return content_key("samples", str(self._fingerprint), rounding, str(self._seed), shown.images, shown.masks, *geometry)
+        return content_key("samples", str(self._fingerprint), rounding, about, shown.images, shown.masks, *geometry)
 
 
 def pixel_samples(problem: Problem, samples: Samples, views: tuple[int, ...]) -> PixelSamples:

@@ -166,7 +166,7 @@ def test_samples_are_kept_with_what_they_cost(problem: Problem, cache: Path, usu
     assert len(list(cache.iterdir())) == 1  # nothing half-written is left
 
 
-CHANGES = ["fingerprint", "seed", "views", "guided", "image", "off", "no fingerprint", "truth", "shadows", "threads"]
+CHANGES = ["fingerprint", "seed", "views", "guided", "image", "off", "no fingerprint", "truth", "shadows", "threads", "names"]
 
 
 @pytest.mark.parametrize("change", CHANGES)
@@ -181,6 +181,9 @@ def test_samples_of_anything_else_are_drawn(problem: Problem, change: str) -> No
         views = problem.scene.train
         brighter = replace(views[3], image=views[3].image * np.float32(1.001))
         problem = altered(problem, scene=replace(problem.scene, train=(*views[:3], brighter, *views[4:])))
+    if change == "names":
+        renamed = tuple(replace(view, name=f"{view.name}b") for view in problem.scene.train)
+        problem = altered(problem, scene=replace(problem.scene, train=renamed))
     if change == "shadows":
         problem = altered(problem, renderer=Renderer(problem.renderer.surface, None))
     asking = sampler(problem, prior, 8 if change == "seed" else 7, **settings)
