@@ -16,7 +16,6 @@ from ia_bench.common.errors import InputError
 Device = Literal["auto", "cpu", "cuda"]
 Precision = Literal["auto", "bf16", "float32"]
 
-
 _run_device: ContextVar[str | None] = ContextVar("run_device", default=None)
 
 

@@ -27,7 +27,6 @@ MISTAKES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 """Conventions of others: what would have to be done to a camera for it to be in ours."""
 
-
 USUAL = (
     "transform_matrix has to be camera-to-world in the OpenGL convention (the camera looks along its -z axis, +y is up), "
     "in the units and at the place of the mesh, and the masks those of the whole mesh"

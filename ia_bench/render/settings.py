@@ -18,7 +18,6 @@ REFERENCE_ATLAS = 256  # texels along a side of the atlas between whose texels l
 REFERENCE_LIGHT_ROWS = 128  # of the map by which an environment that is no map is taken
 """The renderer by which methods are compared: all shadows traced, a layered coat, and these. They are part of the protocol."""
 
-
 BROUGHT = "pictures as they were brought"
 """In the place of a renderer where pictures were made elsewhere: nothing about them can be changed, the scale of albedo no more."""
 

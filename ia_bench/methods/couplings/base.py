@@ -83,12 +83,8 @@ class WeightedCoupling(Coupling):
 
     def loss(self, render: StepRender, pixels: Tensor) -> dict[str, Tensor]:
         """See the class; "albedo" and "specular", as far as they have a weight."""
-        found = {}
-        if "albedo" in self._uses:
-            found["albedo"] = self.albedo * self.albedo_loss(render, pixels)
-        if "specular" in self._uses:
-            found["specular"] = self.specular * self.specular_loss(render, pixels)
-        return found
+        losses = {"albedo": self.albedo_loss, "specular": self.specular_loss}
+        return {name: getattr(self, name) * loss(render, pixels) for name, loss in losses.items() if name in self._uses}
 
     def albedo_loss(self, render: StepRender, pixels: Tensor) -> Tensor:
         """What the albedo at G-buffer entries (B,) is compared by, without its weight."""

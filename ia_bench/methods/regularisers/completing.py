@@ -107,10 +107,8 @@ class Symmetry(Regulariser):
         known[atlas.place] = True  # the rest is no surface, and follows what is
         values = torch.cat([values[:, :3].exp() - OFFSET, values[:, 3:]], 1)
         filled, kept = fill_unobserved(values.reshape(*observed.shape, 4), known.reshape(observed.shape)), observed[..., None]
-        albedo, roughness = filled[..., :3], filled[..., 3:]
-        return Material(
-            torch.where(kept, material.albedo, albedo), torch.where(kept, material.roughness, roughness), material.metallic
-        )
+        albedo = torch.where(kept, material.albedo, filled[..., :3])
+        return Material(albedo, torch.where(kept, material.roughness, filled[..., 3:]), material.metallic)
 
 
 def around_the_axis(position: Tensor, normal: Tensor) -> Tensor:

@@ -123,10 +123,8 @@ class TwoStageFit:
     @torch.no_grad()
     def _applied(self, regularisers: list[Regulariser], material: Material) -> Material:
         """What they make of the ``material``; values that are out of range by more than ROUNDING are counted."""
-        parameters, exposures, generator = self.parameters, self.parameters.exposures, self.descent.generator
-        light, refine = parameters.light(), self.prior.sampler.refine
-        state = FitState(self.problem, light, exposures, parameters.observed, generator, refine)
-
+        found, generator, refine = self.parameters, self.descent.generator, self.prior.sampler.refine
+        state = FitState(self.problem, found.light(), found.exposures, found.observed, generator, refine)
         with self.descent.book("prior"):
             for regulariser in regularisers:
                 moved = regulariser.apply(material, state)

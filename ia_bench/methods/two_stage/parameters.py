@@ -134,8 +134,7 @@ class Parameters:
     @property
     def optimisers(self) -> dict[str, Optimizer]:
         """What a checkpoint must keep beside the tensors: what the optimisers remember."""
-        parts = {"multigrid": self.multigrid.optimizer, "scale_ambiguity": self.scale_ambiguity.optimizer}
-        return {"texels": self.optimizer, **parts}
+        return {"texels": self.optimizer, "multigrid": self.multigrid.optimizer, "scale_ambiguity": self.scale_ambiguity.optimizer}
 
 
 def observed_texels(problem: Problem) -> Tensor:
