@@ -22,7 +22,7 @@ from ia_bench.common.errors import InputError, expect_distinct, unknown
 from ia_bench.common.files import read_json, shown, user_path
 from ia_bench.methods.info import HeldOut, MethodInfo
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.exr import refuse_negative
+from ia_bench.scenes.exr import expect_radiance
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.photograph import read_stored
 
@@ -169,7 +169,7 @@ class BroughtPictures:
             if encoding is None and not grey:
                 raise InputError(f"{path}: expected {OPTION}encoding=srgb or linear with PNG pictures, found none")
             image = (srgb_to_linear(image) if encoding == "srgb" and not grey else image) * alpha[..., None]
-        refuse_negative(path, image)
+        expect_radiance(path, image)
         if alpha.shape != (camera.height, camera.width):
             height, width = alpha.shape
             raise InputError(f"{path}: expected {camera.width} x {camera.height} pixels like its view, found {width} x {height}")

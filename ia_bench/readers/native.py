@@ -18,7 +18,7 @@ from ia_bench.geometry.mesh import load_mesh
 from ia_bench.readers.cameras import Lens, camera, expect_size_of, frames_if_there, frames_of, lens, text
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.exr import read_exr, refuse_negative
+from ia_bench.scenes.exr import expect_radiance, read_exr
 from ia_bench.scenes.photograph import expect_size, greyscale, open_picture, picture_values
 from ia_bench.scenes.scene import Mesh, Scene, Truth, View
 
@@ -104,7 +104,7 @@ class NativeReader:
         radiance, mask = image[..., :3], image[..., 3]
         if mask.min() < 0 or mask.max() > 1 + 1e-3:
             raise InputError(f"{path}: alpha: expected values in [0, 1], found {mask.min():g} ... {mask.max():g}")
-        refuse_negative(path, radiance)
+        expect_radiance(path, radiance)
         known: dict[str, Any] = {}
         for name, (channels, _, _) in TRUTH_OF_VIEWS.items():
             if truth and f"{name}_path" in frame:

@@ -21,7 +21,7 @@ from ia_bench.readers.cameras import from_world_to_camera, numbers, rigid
 from ia_bench.readers.contract import check_camera
 from ia_bench.readers.pictures import Encoding, Photo, true_map
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.exr import read_exr, refuse_negative
+from ia_bench.scenes.exr import expect_radiance, read_exr
 from ia_bench.scenes.photograph import expect_size, read_values
 from ia_bench.scenes.scene import FROM_Y_UP, Camera, Scene, View
 
@@ -71,7 +71,8 @@ class NeilfReader(FolderReader):
         return replace(scene, metallic=(materials / "metallic").is_dir())
 
     def _view(self, where: str, content: Any, key: str, middle: np.ndarray, size: float) -> View:  # noqa: ANN401 (JSON)
-        keys = "camera_track_map", "images", key, "camera"
+        image = "camera_track_map", "images", key
+        keys = *image, "camera"
         (fx, fy), (cx, cy) = (_numbers(where, content, 2, *keys, "intrinsic", kind).tolist() for kind in ("focal", "ppt"))
         extrinsic = _numbers(where, content, 16, *keys, "extrinsic").reshape(4, 4)
         to_world = from_world_to_camera(rigid(where, ".".join((*keys, "extrinsic")), extrinsic))
@@ -79,6 +80,10 @@ class NeilfReader(FolderReader):
         name = Path(str(_at(where, content, "image_path", "file_paths", key))).stem
         photo = self._photo(where, name)
         height, width = photo.mask.shape
+        size = _at(where, content, *image).get("size", [width, height])  # of what was calibrated, in either order
+        if sorted(numbers(size).ravel().tolist()) != sorted([width, height]):
+            found = f"expected that of photograph {name}, {width} x {height}, found {size!r:.100}"
+            raise InputError(f"{where}: {'.'.join(image)}.size: {found}")
         camera = Camera(to_world, (fx, fy), (cx, cy), width, height)
         return photo.view(name, check_camera(f"{where}: {'.'.join((*keys, 'intrinsic'))}", camera))
 
@@ -95,7 +100,7 @@ class NeilfReader(FolderReader):
         (path, image), (surface, positions) = values("images", 3), values(kind, 3 if kind == "position_maps" else 1)
         encoded = path.suffix != ".exr"
         image, mask = srgb_to_linear(image) if encoded else image, (positions != 0).any(-1)
-        refuse_negative(path, image)
+        expect_radiance(path, image)
         expect_size(surface, mask.shape, image.shape, str(path))
         return Photo.of(image.clip(min=0) * mask[..., None], mask, (image >= 1).any(-1) & encoded)
 

@@ -20,6 +20,7 @@ MAX_PIXELS = 1 << 26
 """Largest image: 8192 x 8192. A larger one would fill the memory, and a header that promises more is most likely damaged."""
 
 BRIGHTEST = 1e12  # radiance, in whatever unit: squares of more than it leave the range of float32
+REC709, ALIKE = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329), 0.01  # x and y of red, green, blue, white; rounded by writers
 
 
 def expect_size_to_read(path: Path, width: int, height: int) -> None:
@@ -78,10 +79,19 @@ def _in_window(image: np.ndarray, stored: np.ndarray, window: np.ndarray) -> np.
     return whole
 
 
-def refuse_negative(path: Path, radiance: np.ndarray) -> None:
-    """Raise InputError for values below zero, except what lossy compression leaves there beside highlights."""
+def expect_radiance(path: Path, radiance: np.ndarray) -> None:
+    """Raise InputError for values below zero, except what lossy compression leaves there, and for primaries other than Rec.709's.
+
+    OpenEXR names them in its header, where they are others: ACES, Rec.2020, P3.
+    """
     if radiance.min(initial=0) < -RINGING * radiance.max(initial=0):
         raise InputError(f"{path}: expected radiance, found the negative value {radiance.min():g}")
+    if path.suffix.lower() == ".exr":
+        with OpenEXR.File(str(path), header_only=True) as file:
+            primaries = file.header().get("chromaticities", REC709)
+        if np.abs(np.subtract(primaries, REC709)).max() > ALIKE:
+            found = f"chromaticities {np.round(primaries, 4).tolist()}"
+            raise InputError(f"{path}: expected linear radiance of Rec.709 (sRGB), found {found}; convert the picture")
 
 
 def read_light(path: Path) -> np.ndarray:
@@ -90,7 +100,7 @@ def read_light(path: Path) -> np.ndarray:
     height, width = radiance.shape[:2]
     if width != 2 * height:
         raise InputError(f"{path}: expected a lat-long map, twice as wide as high, found {width} x {height}")
-    refuse_negative(path, radiance)
+    expect_radiance(path, radiance)
     if radiance.max(initial=0) > BRIGHTEST:
         raise InputError(f"{path}: expected radiance up to {BRIGHTEST:g}, found {radiance.max():g}")
     return radiance.clip(min=0)

@@ -21,7 +21,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import log
 from ia_bench.common.files import is_file, shown
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.exr import MAX_PIXELS, expect_size_to_read, read_exr, refuse_negative
+from ia_bench.scenes.exr import MAX_PIXELS, expect_radiance, expect_size_to_read, read_exr
 
 HIGH_BIT_MODES = {"I;16": 65535.0, "I;16B": 65535.0, "I;16L": 65535.0, "I": 65535.0}
 """Greyscale modes of Pillow with more than 8 bits, and the value of white in them."""
@@ -69,7 +69,7 @@ def expect_size(path: Path, found: tuple[int, ...], expected: tuple[int, ...], l
 
 def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray, np.ndarray]:
     image = read_exr(path, None)
-    refuse_negative(path, image[..., :3])
+    expect_radiance(path, image[..., :3])
     below = int((image[..., :3] < 0).any(-1).sum())
     if below:
         notice(f"{path}: {below} pixels are below zero, as lossy compression leaves them, and set to 0")
@@ -190,18 +190,19 @@ def in_srgb(path: Path, picture: Image.Image, notice: Callable[[str], None]) -> 
     """The ``picture`` with the colours that its profile describes, in sRGB, and its alpha; what sRGB cannot hold is clipped.
 
     A picture without a profile, or with one of sRGB, is returned as it is. So is one with a profile that cannot be applied (more
-    than 8 bits, grey, CMYK, damaged), of which ``notice`` is told.
+    than 8 bits, grey, CMYK, damaged), or that is named alone, as cameras do of Adobe RGB, of which ``notice`` is told.
     """
     content = picture.info.get("icc_profile")
     if not content:
+        with suppress(SyntaxError, struct.error, ValueError, TypeError, KeyError):  # of a damaged record
+            if picture.getexif().get_ifd(ExifTags.IFD.Interop).get(ExifTags.Interop.InteropIndex) == "R03":  # in place of a profile
+                notice(f"{path}: its colour space Adobe RGB {IGNORED}")
         return picture
     name, transform = "(damaged)", None
     with suppress(OSError, ValueError, ImageCms.PyCMSError):  # of a profile that is damaged, or not one of red, green and blue
         profile = ImageCms.ImageCmsProfile(BytesIO(content))
-        name, srgb = (
-            shown(ImageCms.getProfileDescription(profile).strip()),
-            ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")),
-        )
+        name = shown(ImageCms.getProfileDescription(profile).strip())
+        srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB"))
         transform = ImageCms.ImageCmsTransform(profile, srgb, "RGB", "RGB", ImageCms.Intent.RELATIVE_COLORIMETRIC)
     if transform is not None:  # whether colours change; names of profiles do not tell, as there is a "linear sRGB", too
         levels = np.linspace(0, 255, 6).astype(np.uint8)

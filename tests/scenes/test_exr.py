@@ -10,7 +10,8 @@ from skimage.color import rgb2xyz, xyz2rgb
 
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
-from ia_bench.scenes.exr import read_exr, read_rgbe, write_exr
+from ia_bench.scenes.exr import read_exr, read_light, read_rgbe, write_exr
+from ia_bench.scenes.photograph import read_photograph
 
 # ---------------------------------------------------------------- openEXR files that store a part of what they show
 # Or more: pixels are where the picture that is shown has them.
@@ -47,6 +48,19 @@ def test_what_is_beyond_the_picture_is_cut(tmp_path: Path) -> None:
     write(tmp_path / "left.exr", np.pad(IMAGE[:, :20], ((0, 0), (3, 0), (0, 0)), constant_values=9), (-3, 0))
     expected = np.where(np.arange(WIDTH)[:, None] < 20, IMAGE, 0)
     np.testing.assert_array_equal(read_exr(tmp_path / "left.exr", 4), expected)
+
+
+def test_radiance_of_other_primaries_is_refused(tmp_path: Path) -> None:
+    """Rec.2020's, as raw converters name them; those of Rec.709, rounded, are as good as none."""
+    path, channels = tmp_path / "a.exr", {name: np.full((2, 4), 0.5, np.float32) for name in "RGB"}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    rec709, rec2020 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.3291), (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.329)
+    OpenEXR.File({**header, "chromaticities": rec709}, channels).write(str(path))
+    assert read_light(path).max() == read_photograph(path)[0].max() == 0.5
+    OpenEXR.File({**header, "chromaticities": rec2020}, channels).write(str(path))
+    for read in (read_light, read_photograph):
+        with pytest.raises(InputError, match=r"a\.exr: expected linear radiance of Rec\.709 \(sRGB\), found chromaticities \[0\.708, "):
+            read(path)
 
 
 # ---------------------------------------------------------------- radiance pictures

@@ -164,6 +164,15 @@ def test_a_profile_that_cannot_be_applied_is_told(tmp_path: Path, picture: Image
     assert len(told) == 1
 
 
+def test_adobe_rgb_that_is_named_without_a_profile_is_told(tmp_path: Path) -> None:
+    """As cameras write it into their JPEG."""
+    told, record = list[str](), Image.Exif()
+    record.get_ifd(0x8769)[0xA005] = {1: "R03"}
+    Image.fromarray(COLOURS).save(tmp_path / "_a.jpg", exif=record)
+    read_photograph(tmp_path / "_a.jpg", notice=told.append)
+    assert told == [f"{tmp_path / '_a.jpg'}: its colour space Adobe RGB is ignored, and sRGB assumed"]
+
+
 # ---------------------------------------------------------------- what a picture says of itself
 def png(colour: int, values: np.ndarray, *chunks: bytes) -> bytes:
     """A PNG of 16 bits a channel, whose ``colour`` type has as many channels as ``values`` (H, W, C); written by hand."""
