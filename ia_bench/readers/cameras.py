@@ -115,7 +115,8 @@ def frames_if_there(path: Path) -> list[NamedFrame]:
 
 def photographs(frames: Sequence[NamedFrame]) -> list[tuple[str, str]]:
     """Where each photograph of ``frames`` is named, and how, with the capture that it is of (Stanford-ORB's ``scene_name``)."""
-    return [(f"{where}: file_path", f"{frame.get('scene_name', '.')}/{frame.get('file_path')}") for where, frame in frames]
+    named = [(where, frame) for where, frame in frames if "file_path" in frame]  # of others it is said once they are read
+    return [(f"{where}: file_path", f"{frame.get('scene_name', '.')}/{frame['file_path']}") for where, frame in named]
 
 
 def expect_each_once(named: Iterable[tuple[str, str]]) -> None:
@@ -196,8 +197,11 @@ def share_away(views: Sequence[View]) -> float:
     """The share of cameras that look away from what all of them surround, 0 for right matrices and 1 for exchanged axes.
 
     Compared are the ray through the middle of a mask and the way to the point that is nearest to all such rays, by least squares.
-    Where rays are parallel there is no such point, and 0 is returned.
+    Where rays are parallel there is no such point, and 0 is returned. A view whose mask is empty is no camera of the object.
     """
+    views = [view for view in views if view.mask.any()]
+    if not views:
+        return 0.0
     middles = [np.nonzero(view.mask > 0.5 * view.mask.max()) for view in views]
     rays = np.stack([v.camera.rays(x.mean() + 0.5, y.mean() + 0.5) for v, (y, x) in zip(views, middles, strict=True)])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)

@@ -55,6 +55,8 @@ def test_what_is_no_projection() -> None:
 def test_where_cameras_look(tiny: Scene) -> None:
     assert share_away(tiny.train) == 0
     assert share_away(tiny.train[:1] * 5) == 0  # parallel rays meet nowhere
+    empty = replace(tiny.train[0], mask=0 * tiny.train[0].mask)
+    assert share_away([empty, *tiny.train]) == share_away([empty]) == 0
     flip = np.diag([1.0, -1, -1, 1])
     wrong = [replace(view, camera=replace(view.camera, to_world=view.camera.to_world @ flip)) for view in tiny.train]
     with pytest.raises(InputError, match="it: expected cameras that look at the object .* 100% look away from it"):

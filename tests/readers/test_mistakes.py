@@ -171,6 +171,10 @@ MISTAKES: dict[str, Mistakes] = {
     },
     "blender": {
         "no frame": (edited(TRAIN, lambda c: c.update(frames=[])), "expected at least one training view, found none"),
+        "no paths": (
+            edited(TRAIN, lambda c: [one.pop("file_path") for one in c["frames"]]),
+            r"frames\[0\]: file_path: expected the path of a file, found None",
+        ),
         "no photograph": (gone("train/r_3.png"), r"frames\[3\]: file_path: \./train/r_3: no such file"),
         "another size": (picture("train/r_3.png", to=smaller), "expected 32 x 32 pixels like train/r_0 with"),
     },
@@ -243,6 +247,14 @@ MISTAKES: dict[str, Mistakes] = {
         "12 numbers": (edited(SFM, lambda c: c["bbox"].update(transform=[1.0] * 12)), "bbox.transform: expected 16 finite numbers"),
         "camera-to-world": (posed(np.linalg.inv), f"look away|{MESH}"),
         "no positions": (gone("inputs/position_maps"), r"depth_maps/004.exr: no such file"),
+        "no object": (
+            lambda folder: save_exr(folder / "inputs/position_maps/005.exr", np.zeros((32, 32, 3))),
+            "train view 005: mask: expected a pixel above 0.5, found none",
+        ),
+        "smaller photographs": (
+            edited(SFM, lambda c: c["camera_track_map"]["images"]["5"].update(size=[64, 32])),
+            r"images\.5\.size: expected that of photograph 005, 32 x 32, found \[64, 32\]",
+        ),
         "focal length in words": (
             edited(SFM, lambda c: c["camera_track_map"]["images"]["3"]["camera"]["intrinsic"].update(focal="48 px")),
             r"images\.3\.camera\.intrinsic\.focal: expected 2 finite numbers, found '48 px'",
