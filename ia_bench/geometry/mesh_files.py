@@ -43,8 +43,12 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
                 raise InputError(f"{shown(found)}: expected a file, found none")
             return found
 
-    if path.suffix.lower() == ".obj" and re.search(rb"^f\b[^\n]*[\s/]0+(?![0-9])", path.read_bytes(), re.MULTILINE):
+    text = path.read_bytes() if path.suffix.lower() == ".obj" else b""
+    if re.search(rb"^f\b[^\n]*[\s/]0+(?![0-9])", text, re.MULTILINE):
         raise InputError(f"{path}: expected faces of vertices that are counted from 1, found vertex 0")
+    relative = re.search(rb"^f\b[^\n]*[\s/]-", text, re.MULTILINE)
+    if relative and b"\nv" in text[relative.end() :]:  # trimesh counts them from the end of the file
+        raise InputError(f"{path}: expected faces that count vertices backwards after all vertices, found vertices after them")
     source = path if content is None else io.BytesIO(content)
     kind = path.suffix.lower().removeprefix(".")
     options: Any = {"process": False, "fix_texture": _uv_per_face(path), "resolver": Beside(str(path))}
@@ -55,7 +59,7 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
             logger.disabled = True  # and a texture that is not there, of which it would print a traceback, is no part of a mesh
             return trimesh.load(source, file_type=kind, **options)
     except Exception as error:  # trimesh raises whatever its parsers raise
-        raise _unreadable(path, error) from None
+        raise InputError(f"{path}: not a readable mesh ({type(error).__name__}: {error})") from None
     finally:
         logger.disabled = was
 
@@ -103,10 +107,6 @@ def named_by_gltf(path: Path, *kinds: str) -> list[Path]:
         return [file for uri in uris if not uri.startswith("data:") and (file := path.parent / unquote(uri)).is_file()]
     except (InputError, OSError, TypeError, AttributeError, ValueError):  # told when it is read
         return []
-
-
-def _unreadable(path: Path, error: Exception) -> InputError:
-    return InputError(f"{path}: not a readable mesh ({type(error).__name__}: {error})")
 
 
 def stored_normals(part: trimesh.Trimesh) -> np.ndarray | None:

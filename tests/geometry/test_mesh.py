@@ -84,6 +84,9 @@ def test_an_obj_counts_from_one(tmp_path: Path) -> None:
         path.write_text(QUAD + f"f 1/1 2/2 3/3\nf {corners}\n")
         with pytest.raises(InputError, match=r"mesh\.obj: expected faces of vertices that are counted from 1, found vertex 0"):
             load_mesh(path)
+    path.write_text(2 * (QUAD + "f -4/-4 -3/-3 -2/-2\n"))
+    with pytest.raises(InputError, match=r"mesh\.obj: expected faces that count vertices backwards after all vertices, found"):
+        load_mesh(path)
     path.write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
     with pytest.raises(
         InputError, match=r"mesh\.obj: expected vertices and faces of three numbers each, found \(3, 2\) and \(1, 3\)"
