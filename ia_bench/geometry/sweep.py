@@ -91,7 +91,10 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     origin = torch.from_numpy(np.array(view.camera.position, np.float32))
     box = (torch.tensor(ends) for ends in zip(hull.low.tolist(), hull.high.tolist(), strict=True))
     corners = view.camera.project(torch.stack(torch.meshgrid(*box, indexing="ij"), -1).reshape(-1, 3))[2]
-    depths = torch.arange(max(float(corners.min()), SPACING * hull.step), float(corners.max()), SPACING * hull.step)
+    nearest, farthest = max(float(corners.min()), SPACING * hull.step), float(corners.max())
+    if farthest <= nearest:  # the camera looks away: its pose is one of those that may be wrong
+        return empty
+    depths = torch.arange(nearest, farthest, SPACING * hull.step)
     points = origin + depths[:, None, None, None] * along  # (K, H, W, 3)
     boxed = ((points >= hull.low) & (points <= hull.high)).all(-1)
     inside = boxed & (hull.at(points.reshape(-1, 3)).reshape(boxed.shape) < hull.step)

@@ -98,8 +98,11 @@ def test_depth_maps_of_a_ball_cut_it_out_of_a_cube() -> None:
     assert np.abs(np.linalg.norm(vertices[near], axis=1) - 0.6).mean() < 0.5 * grid.step
 
 
-def test_a_photograph_that_shows_nothing_of_the_object_has_no_depths(views: list[View]) -> None:
-    empty = replace(views[0], mask=0 * views[0].mask)
+@pytest.mark.parametrize("wrong", ["mask", "pose"])
+def test_a_photograph_that_shows_nothing_of_the_object_has_no_depths(views: list[View], wrong: str) -> None:
+    """Its mask is empty, or its camera looks away."""
+    away = replace(views[0].camera, to_world=views[0].camera.to_world @ np.diag([-1.0, 1, -1, 1]))
+    empty = replace(views[0], mask=0 * views[0].mask) if wrong == "mask" else replace(views[0], camera=away)
     grid = DistanceGrid(torch.zeros(9, 9, 9), torch.full((3,), -0.8), 0.2)
     first, *others = depth_maps([empty, *(views[near] for near in neighbours(views)[0])], grid)
     assert not first.depth.any()
