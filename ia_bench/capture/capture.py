@@ -17,6 +17,11 @@ from ia_bench.scenes.scene import Scene, View, of_one_size
 DOUBTS, MANY = (3, 1), 8
 """With MANY photographs or more, the hull that judges poses and masks lets three of them be wrong about a point, or one where
 that leaves it open. With fewer, only ``capture.tolerated`` may be: such hulls are open more often, or move cameras away."""
+IDLE = {
+    "jpeg": ("radiometry", "ldr"), "turntable_axis": ("light", "turntable"), "smoothing": ("geometry", "smoothed"),
+    "cells": ("geometry", "hull"), "sdf": ("geometry", "sdf"),
+}  # fmt: skip
+"""What no capture takes notice of but one with a certain value of another setting."""
 
 
 def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None], begin: Begin = unseen) -> Scene:
@@ -25,6 +30,9 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     ``note`` is told what takes time; ``begin`` shows how far work of minutes is. Raises
     InputError for what the scene cannot give.
     """
+    for key, (other, value) in IDLE.items():
+        if getattr(settings, key) != getattr(CaptureSettings(), key) and getattr(settings, other) != value:
+            note(f"capture.{key} changes nothing: capture.{other}={value} alone reads it, found {getattr(settings, other)}")
     if settings.views != "all":
         from ia_bench.capture.faults import spread_over_directions  # only here, as what follows: they bring in scipy and trimesh
 

@@ -36,6 +36,16 @@ def test_the_default_leaves_everything_in(tiny: Scene) -> None:
     }  # fmt: skip
 
 
+def test_a_setting_that_nothing_reads_is_told(tiny: Scene) -> None:
+    told: list[str] = []
+    after = captured(tiny, CaptureSettings(jpeg=20, light="camera", sdf=SdfSettings(align=True)), told.append)
+    assert after.train[0].image is tiny.train[0].image
+    assert told == [
+        "capture.jpeg changes nothing: capture.radiometry=ldr alone reads it, found hdr",
+        "capture.sdf changes nothing: capture.geometry=sdf alone reads it, found given",
+    ]
+
+
 # ---------------------------------------------------------------- views
 def widest_gap(views: tuple[View, ...], among: tuple[View, ...]) -> float:
     """The largest angle from the direction of a camera of ``among`` to the nearest of ``views``; objects lie at the origin."""
