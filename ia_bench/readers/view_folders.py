@@ -148,7 +148,7 @@ class TensoirReader(ViewFolders):
 
     format = "tensoir"
     light: str = "sunset"
-    rotation: str = "000"
+    rotation: str | int = "000"
 
     @property
     def photographs(self) -> tuple[str, ...]:
