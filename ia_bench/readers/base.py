@@ -69,7 +69,8 @@ class FolderReader:
         given = [getattr(self, option, None) for option in ("mesh", "lights")]
         named = [Path(text).expanduser().absolute() for text in given if text is not None]
         named += [buffer for path in named for buffer in named_by_gltf(path, "buffers")]
-        found = {path for place in (*self.places(), *named) for path in files_below(place)}
+        below = [self.folder / folder for option in ("images", "masks") if (folder := getattr(self, option, None))]  # or elsewhere
+        found = {path for place in (*self.places(), *below, *named) for path in files_below(place)}
         return sorted(path for path in found if path in named or path.suffix.lower() in DATA)
 
     # ---------------------------------------------------------------- which views

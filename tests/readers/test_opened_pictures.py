@@ -93,6 +93,14 @@ def test_masks_lie_in_folders_like_those_of_the_photographs(tmp_path: Path, tiny
             assert np.abs(view.mask - one.mask).max() <= STEP + 1e-6
 
 
+def test_a_run_is_known_by_masks_that_lie_elsewhere(tmp_path: Path) -> None:
+    for name in ("photos/images", "elsewhere"):
+        (tmp_path / name).mkdir(parents=True)
+        Image.new("L", (2, 2), 255).save(tmp_path / name / "a.png")
+    files = NerfstudioReader(tmp_path / "photos", masks=str(tmp_path / "elsewhere")).files()
+    assert files == [tmp_path / "elsewhere/a.png", tmp_path / "photos/images/a.png"]
+
+
 # ---------------------------------------------------------------- masks that are 1 and not white where the object is
 # As segmentation programs write labels, are refused by name and cause.
 INSIDE = np.zeros((6, 9), np.uint8)
