@@ -237,9 +237,7 @@ def unwrap(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> Mesh
     atlas = xatlas.Atlas()
     atlas.add_mesh(enlarged.astype(np.float32), faces.astype(np.uint32), normals.astype(np.float32))
     options = xatlas.PackOptions()
-    options.padding = 2
-    options.resolution = 1024
-    options.bilinear = True
+    options.padding, options.resolution, options.bilinear = 2, 1024, True
     atlas.generate(pack_options=options)
     source, new_faces, uv = atlas[0]
     lost = int((~np.isfinite(uv).all(axis=1)).sum())

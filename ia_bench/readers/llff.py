@@ -42,11 +42,8 @@ class LlffReader(UnsplitReader):
         notes, folder = list[str](), self.folder
         photos, rows = pictures_in(folder / self.images), read_array(folder / POSES)
         if rows.shape != (len(photos), 17):
-            found = f"shape {rows.shape}"
-            raise InputError(
-                f"{folder / POSES}: expected {len(photos)} x 17 numbers, a row a photograph in {self.images}, found {found}"
-            )
-
+            said = f"expected {len(photos)} x 17 numbers, a row a photograph in {self.images}, found shape {rows.shape}"
+            raise InputError(f"{folder / POSES}: {said}")
         masks = masks_of(folder / self.masks, photos, notes)
 
         def view(place: int) -> View:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -118,11 +117,3 @@ class TurningLight:
         out = np.where(length > 0, across, sideways)
         out /= np.linalg.norm(out, axis=1, keepdims=True)
         return np.stack([out, np.cross(axis, out), axis], -1)
-
-
-def rotation_about(axis: np.ndarray, angle: float) -> np.ndarray:
-    """The rotation (3, 3) about a unit ``axis`` by ``angle`` radians (Rodrigues' formula)."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turned: np.ndarray = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-    return turned

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 from shapes import camera_at, sphere, together
 from stage import Stage
 
@@ -20,12 +21,16 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.turns import spread_turns
 from ia_bench.scenes.scene import Camera, Mesh, View
-from ia_bench.scenes.turning import Round, TurningLight, rotation_about
+from ia_bench.scenes.turning import Round, TurningLight
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
 AXIS = np.array([0.36, -0.48, 0.8])
 ANGLES = (0.0, 0.7, 2.9, -1.4)
+
+
+def rotation_about(axis: np.ndarray, angle: float) -> np.ndarray:
+    return Rotation.from_rotvec(angle * axis).as_matrix()
 
 
 def turned_mesh(mesh: Mesh, rotation: np.ndarray) -> Mesh:

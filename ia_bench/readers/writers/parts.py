@@ -17,7 +17,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import rgbe, write_exr
 from ia_bench.scenes.images import straight
-from ia_bench.scenes.scene import OPENCV_AXES, Camera, Mesh, Scene, View
+from ia_bench.scenes.scene import OPENCV_AXES, Camera, Scene, View
 
 Options = dict[str, Any]
 Write = Callable[[Path, Scene], Options]
@@ -105,12 +105,10 @@ def expect_central(name: str, views: Sequence[View], *, alike: bool = False) -> 
     for view in views:
         camera = view.camera
         off = max(abs(camera.centre[0] - camera.width / 2), abs(camera.centre[1] - camera.height / 2))
-        skewed = abs(camera.focal[0] / camera.focal[1] - 1) > 1e-3
+        alone = off > OFF_CENTRE or abs(camera.focal[0] / camera.focal[1] - 1) > 1e-3
         other = (camera.width, camera.height) != (first.width, first.height) or abs(camera.focal[0] / first.focal[0] - 1) > 1e-6
-        if off > OFF_CENTRE or skewed or (alike and other):
-            found = (
-                "another camera than the first view's" if off <= OFF_CENTRE and not skewed else f"{camera.focal}, {camera.centre}"
-            )
+        if alone or (alike and other):
+            found = f"{camera.focal}, {camera.centre}" if alone else "another camera than the first view's"
             raise InputError(
                 f"--format {name}: expected views of one focal length whose principal point is the middle, found {found} in view "
                 f"{view.name}; nerfstudio, colmap and dtu hold every camera"
@@ -188,18 +186,14 @@ def save_lights(folder: Path, scene: Scene, own: str, suffix: str = ".hdr", stre
     return {"lights": str(folder / LIGHTS)} if maps else {}
 
 
-def placed_mesh(mesh: Mesh, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and normals moved by a rotation, one scale and a translation (4, 4)."""
-    rotation = place[:3, :3] / np.cbrt(np.linalg.det(place[:3, :3]))
-    return mesh.vertices @ place[:3, :3].T + place[:3, 3], mesh.normals @ rotation.T
-
-
 def save_obj(path: Path, scene: Scene, place: np.ndarray | None = None) -> None:
     """Write the scene's mesh, moved by a rotation, a scale and a translation (4, 4), as Wavefront OBJ; nothing if it has none."""
     if scene.mesh is None:
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    vertices, normals = placed_mesh(scene.mesh, np.eye(4) if place is None else place)
+    place = np.eye(4) if place is None else place
+    vertices = scene.mesh.vertices @ place[:3, :3].T + place[:3, 3]
+    normals = scene.mesh.normals @ (place[:3, :3] / np.cbrt(np.linalg.det(place[:3, :3]))).T
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
     lines += [f"vt {u!r} {v!r}" for u, v in scene.mesh.uv.tolist()]
     lines += [f"vn {x!r} {y!r} {z!r}" for x, y, z in normals.tolist()]
