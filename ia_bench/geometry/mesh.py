@@ -168,7 +168,7 @@ def sound_mesh(
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
     if texture_uv is None:
-        raise InputError(f"{path}: the mesh has no UV; add them, or run with reader.options.uv=xatlas")
+        raise InputError(f"{path}: the mesh has no UV (or a glTF no material); add it, or run with reader.options.uv=xatlas")
     given = np.asarray(texture_uv, np.float64)[used]
     if not (given.min() >= -1e-6 and given.max() <= 1 + 1e-6):
         found = f"{given.min():.4g} ... {given.max():.4g}"

@@ -51,7 +51,8 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
         raise InputError(f"{path}: expected faces that count vertices backwards after all vertices, found vertices after them")
     source = path if content is None else io.BytesIO(content)
     kind = path.suffix.lower().removeprefix(".")
-    options: Any = {"process": False, "fix_texture": _uv_per_face(path), "resolver": Beside(str(path))}
+    # Vertices are split by UV only where a PLY has those of faces: else trimesh would drop vertices, and all stored normals.
+    options: Any = {"process": False, "fix_texture": b" texcoord" in ply_header(path), "resolver": Beside(str(path))}
     logger, was = trimesh.util.log, trimesh.util.log.disabled
     try:
         with warnings.catch_warnings():
@@ -149,11 +150,6 @@ def joined_normals(counts: Sequence[int], normals: Sequence[np.ndarray | None]) 
         return None
     pairs = zip(counts, normals, strict=True)
     return np.concatenate([np.full((count, 3), np.nan) if stored is None else stored for count, stored in pairs])
-
-
-def _uv_per_face(path: Path) -> bool:
-    """Whether trimesh must split vertices by UV. Elsewhere it must not: it drops vertices, and all stored normals."""
-    return b" texcoord" in ply_header(path)
 
 
 def ply_header(path: Path) -> bytes:

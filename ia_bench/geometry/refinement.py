@@ -193,7 +193,8 @@ class _Fit:
         found, opacity, distance = gathered(values, features.detach(), rays, WIDTH, STRIDE, features.grad)
         safe = opacity.clamp_min(1e-2)
         place = rays.origins + (distance / safe).detach()[:, None] * rays.directions
-        normals, directions = _normals(values, place), rays.directions
+        gradients = sampled(_differences(values), torch.zeros(3), torch.tensor(values.shape) - 1, place)
+        normals, directions = normalize(gradients, dim=-1, eps=1e-6), rays.directions
         if self._turns is not None:
             turn = self._turns[pixels.view[picked]]
             normals, directions = (torch.einsum("nij,nj->ni", turn, each) for each in (normals, directions))
@@ -225,12 +226,6 @@ def _moved(values: Tensor, moves: Sequence[Tensor], least: Tensor) -> Tensor:
         same = move.shape == least.shape
         values = values + (move if same else interpolate(move[None, None], least.shape, mode="trilinear", align_corners=True)[0, 0])
     return torch.maximum(values, least)
-
-
-def _normals(values: Tensor, places: Tensor) -> Tensor:
-    """Unit gradients (N, 3) of the values at places (N, 3) in cells."""
-    found = sampled(_differences(values), torch.zeros(3), torch.tensor(values.shape) - 1, places)
-    return normalize(found, dim=-1, eps=1e-6)
 
 
 def _differences(values: Tensor) -> Tensor:

@@ -107,7 +107,8 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     own = picture[:, rows, columns]
     parts = []
     for some in points.split(PLANES_AT_ONCE):
-        of_others = torch.stack([correlation(own, _projected(*other, some)) for other in others])
+        seen = (looked_up(*other, some.reshape(-1, 3))[0].reshape(-1, *some.shape[:3]).movedim(0, 1) for other in others)
+        of_others = torch.stack([correlation(own, one) for one in seen])
         parts.append(of_others.topk(AGREEING, 0).values.mean(0))  # of those that agree most
     alike = torch.cat(parts)
     cost = semi_global(torch.where(inside, 1 - alike, OUTSIDE), SMALL_JUMP, LARGE_JUMP)
@@ -120,12 +121,6 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     empty.depth[rows, columns] = torch.where(sure, depth, 0)
     empty.trust[rows, columns] = torch.where(sure, alike.gather(0, best[None])[0].clamp_min(0), 0)
     return empty
-
-
-def _projected(camera: Camera, picture: Tensor, points: Tensor) -> Tensor:
-    """What a camera's picture (C, H', W') shows at points (K, H, W, 3): (K, C, H, W)."""
-    seen, _ = looked_up(camera, picture, points.reshape(-1, 3))
-    return seen.reshape(-1, *points.shape[:3]).movedim(0, 1)
 
 
 def correlation(one: Tensor, other: Tensor) -> Tensor:

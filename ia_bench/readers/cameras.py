@@ -76,6 +76,7 @@ def rigid(where: str, key: str, value: object) -> np.ndarray:
     if not (error <= 1e-3 and determinant > 0):
         found = f"|R R^T - 1| = {error:.3g}, det = {determinant:.3g}"
         raise InputError(f"{where}: {key}: expected a rotation (R R^T = 1, det = +1), found {found}")
+    to_world[3] = 0, 0, 0, 1  # as a product of matrices leaves it but for rounding
     return to_world
 
 

@@ -11,6 +11,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.geometry.hull import carving_mask
 from ia_bench.readers.cameras import (
     Lens,
+    camera,
     expect_looking_at_object,
     from_projection,
     from_world_to_camera,
@@ -50,6 +51,12 @@ def test_what_is_no_projection() -> None:
     skewed = K + [[0, 5.0, 0], [0, 0, 0], [0, 0, 0]]
     with pytest.raises(InputError, match="expected rectangular pixels, found a skew of 5 pixels"):
         from_projection("P", skewed @ np.c_[ROTATION, SHIFT], 1, 1)
+
+
+def test_a_last_row_that_is_rounded_is_exact_again() -> None:
+    rounded = np.vstack([np.c_[ROTATION, SHIFT], [1e-17, 0, 0, 1 - 1e-12]])
+    frame = {"fl_x": 8.0, "transform_matrix": rounded.tolist()}
+    assert camera("it", frame, (8, 8)).to_world[3].tolist() == [0, 0, 0, 1]
 
 
 def test_where_cameras_look(tiny: Scene) -> None:

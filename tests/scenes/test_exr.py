@@ -59,7 +59,7 @@ def test_radiance_of_other_primaries_is_refused(tmp_path: Path) -> None:
     assert read_light(path).max() == read_photograph(path)[0].max() == 0.5
     OpenEXR.File({**header, "chromaticities": rec2020}, channels).write(str(path))
     for read in (read_light, read_photograph):
-        with pytest.raises(InputError, match=r"a\.exr: expected linear radiance of Rec\.709 \(sRGB\), found chromaticities \[0\.708, "):
+        with pytest.raises(InputError, match=r"a\.exr: expected linear radiance of Rec\.709 .*, found chromaticities \[0\.708, "):
             read(path)
 
 
