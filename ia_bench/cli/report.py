@@ -76,13 +76,13 @@ def _compared_with(table: Table, wanted: str | None) -> Table:
     Where it photographs its scenes in several ways, a row that is named with its capture stands for that row in each capture, and
     InputError is raised for what is no row of the table.
     """
-    if wanted is None or not table.captures:
-        return table if wanted is None else replace(table, reference=wanted)
-    labels = ["", *(capture_of(settings).label for settings in table.captures)]
-    known = {crossed_name(row.name, label): row.name for row in table.rows for label in labels}
-    if wanted not in known:
-        raise InputError(f"--reference: {unknown('row', wanted, [row.name for row in table.rows])}")
-    return replace(table, reference=known[wanted])
+    if wanted is not None and table.captures:
+        labels = ["", *(capture_of(settings).label for settings in table.captures)]
+        known = {crossed_name(row.name, label): row.name for row in table.rows for label in labels}
+        if wanted not in known:
+            raise InputError(f"--reference: {unknown('row', wanted, [row.name for row in table.rows])}")
+        wanted = known[wanted]
+    return table if wanted in (None, table.reference) else replace(table, reference=wanted, curve=[])  # more work of the former one
 
 
 def finish(report: Report, out: Path, name: str) -> Path:

@@ -255,5 +255,7 @@ def _whole(name: str, within: tuple[str, ...]) -> Table:
         for key in ("scenes", "seeds", "reference", "curve", "captures", "photographs")
         if key not in own
     }
+    if "curve" not in own and every.get("reference", table.reference) != parts[0].reference:
+        every["curve"] = []  # those are more work of another row
     every |= {key: [one for part in (*parts, table) for one in getattr(part, key)] for key in ("rows", "claims")}
     return replace(table, **every)

@@ -132,7 +132,7 @@ def test_a_scene_of_any_format_is_named_by_its_entry() -> None:
 
 
 def test_a_table_has_the_rows_of_those_that_it_includes() -> None:
-    first = "photographs: 24\nscenes: [tiny]\nseeds: [3]\nreference: a\nrows: [{name: a, overrides: []}]\n"
+    first = "photographs: 24\nscenes: [tiny]\nseeds: [3]\nreference: a\ncurve: [a]\nrows: [{name: a, overrides: []}]\n"
     Path("first.yaml").write_text(first)
     second = "includes: [first.yaml]\nseeds: [4]\nrows: [{name: b, overrides: []}]\nclaims: [{better: b, worse: a}]\n"
     Path("second.yaml").write_text(second)
@@ -140,6 +140,9 @@ def test_a_table_has_the_rows_of_those_that_it_includes() -> None:
     assert [row.name for row in table.rows] == ["a", "b"]
     assert (table.scenes, table.seeds, table.reference) == (["tiny"], [4], "a")
     assert table.photographs == 24
+    for reference, curve in {"a": ["a"], "b": []}.items():
+        Path("third.yaml").write_text(f"{second}reference: {reference}\n")
+        assert load_table("third.yaml").curve == curve, "more work of a is none of b"
     assert [(claim.better, claim.worse) for claim in table.claims] == [("b", "a")]
 
 
