@@ -139,6 +139,7 @@ def _run(run: dict[str, Any], page: Path, of: Findings, metrics: Sequence[Metric
         "memory": None if pd.isna(run["peak_memory_bytes"]) else int(run["peak_memory_bytes"]),
         "hash": run["config_hash"],
         "preset": run["preset"],
+        "command": run["command"] and f"ia-bench run {run['command']}",
         "folder": os.path.relpath(run["folder"], page).replace(os.sep, "/") if found else None,
         **found,
         "machine": machine,

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from scored_runs import put_setup
+from scored_runs import put_setup, scored
 
-from ia_bench.report.collect import collect
+from ia_bench.report.collect import Collection, as_table, collect
 from ia_bench.report.findings import MEAN, analyse
 from ia_bench.report.site.page import scopes, write_page
 from ia_bench.report.statistics import HOW_JUDGED
@@ -131,3 +131,10 @@ def test_a_run_tells_its_command_and_what_many_runs_share_is_told_once(write_run
     assert [run["command"] for run in found["runs"]] == ["python -m ia_bench seed=0", "python -m ia_bench seed=1"]
     assert [run["files"] for run in found["runs"]] == [{"a.exr": "0123456789ab"}] * 2
     assert found["rows"][0]["command"] == """ia-bench run prior=none 'row='"'"'a, b'"'"''"""
+
+
+def test_a_published_run_tells_the_command_that_made_it(tmp_path: Path) -> None:
+    """And none that its row and scene would suggest, which leaves out the reader and what every cell was given."""
+    runs = as_table([scored("ours", "mug", 0, 20.0, command="prior=none reader=colmap scene.path=mug")])
+    found = page_data(write_page(analyse(Collection(runs), Table(rows=[Row("ours", ["prior=none"])])), "t", tmp_path))
+    assert found["runs"][0]["command"] == "ia-bench run prior=none reader=colmap scene.path=mug"
