@@ -50,6 +50,13 @@ def test_failure_is_recorded_and_is_not_finished(folder: RunFolder) -> None:
     assert folder.load_checkpoint() == {"step": 3}
 
 
+def test_what_a_failure_says_in_many_lines_is_one_in_the_record(folder: RunFolder) -> None:
+    """Reports list failures line by line; the traceback has all of it."""
+    folder.write_failure(RuntimeError("CUDA error\n\n# set CUDA_LAUNCH_BLOCKING"), LABELS)
+    record = json.loads((folder.path / METRICS_FILE).read_text())
+    assert (record["error"], "# set" in record["traceback"]) == ("RuntimeError: CUDA error", True)
+
+
 def test_curve_is_csv_with_every_column(folder: RunFolder) -> None:
     rows = [
         {"stage": 1, "step": 25, "seconds": 0.5, "albedo_psnr": 13.25},
