@@ -18,6 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ia_bench.common.errors import listed
 from ia_bench.report.collect import Record, Runs, finished
 from ia_bench.report.statistics import Paired, ScoresByCell, better, holm, side_by_side
 from ia_bench.report.table import BOUNDS, Entry, Printed, difference_text
@@ -32,6 +33,8 @@ UNEQUAL = ("cpu", "threads", "commit")
 """In which runs must not differ if their seconds are to compare."""
 MOST = 4  # values of these that are named
 LONG_COMMIT = r"^([0-9a-f]{12})[0-9a-f]+"  # of which 12 digits are shown, and whether the code was changed
+NOTHING_LEFT_OUT = "all views"
+"""What a capture without a label is called."""
 BEYOND = ">"
 """What follows a gain where the row takes longer than the whole curve: the reference might gain more with as many seconds."""
 
@@ -134,6 +137,10 @@ class Timing:
         clock = max(self.clocks, key=lambda one: len(one.curve))
         reference = clock.short(clock.reference)
         curve = ", ".join(f"“{clock.short(row)}” ({clock.costs[row]:.2f})" for row in clock.curve)
+        curve += f" (as they are with {clock.capture or NOTHING_LEFT_OUT})" if len(self.clocks) > 1 else ""
+        without: dict[str, list[str]] = {}
+        for one in self.clocks:
+            without.setdefault(" and ".join(f"“{name}”" for name in one.lacking), []).append(one.capture or NOTHING_LEFT_OUT)
         how = f"straight in the logarithm of seconds between two of them; {BEYOND} the row takes longer than the dearest"
         words = [
             self.unequal,
@@ -142,10 +149,12 @@ class Timing:
             f"At equal seconds: the row minus the best of {curve} after the row's seconds, per scene and seed, {how}."
             if len(clock.curve) > 1
             else f"“{reference}” was not run with more work: what it has after more seconds is not known ({BEYOND}).",
-            f"Without {' and '.join(f'“{name}”' for name in clock.lacking)}, which the table names for that and which was not run, "
-            "gains at equal seconds are upper bounds."
-            if clock.lacking
-            else "",
+            *(
+                f"Without {names}, which the table names for that and which was not run or not timed"
+                f"{f' with {listed(captures)}' if len(self.clocks) > 1 else ''}, gains at equal seconds may be too large."
+                for names, captures in without.items()
+                if names
+            ),
         ]
         return " ".join(word for word in words if word)
 
@@ -171,10 +180,11 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
     seconds where every run has them, else what the table states, else wall-clock seconds.
     """
     done = finished(runs)
-    there = [row for row in done["row"].unique() if row not in BOUNDS]
+    done = done[~done["row"].str.split(", ").str[0].isin([*BOUNDS])]  # under any capture
+    there = list(done["row"].unique())
     if "declared" in done:  # somebody's seconds, on a machine of theirs
         done = done[done["declared"].isna()]
-    done = done[(done["seconds"] > 0) & ~done["row"].isin([*BOUNDS])]
+    done = done[done["seconds"] > 0]
     stated = {row.name: row.cost for row in table.crossed_rows if row.cost is not None}
     counted = CPU if len(done) and (done["cpu_seconds"] > 0).all() else STATED if stated else WALL
     spent = side_by_side(done, "cpu_seconds" if counted == CPU else "seconds")
@@ -189,7 +199,8 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
         rows = tuple(row for name in names if (row := crossed_name(name, label)) in there)
         costs = {row: cost for row in rows if (cost := _cost(spent, row, first, stated if counted == STATED else None)) is not None}
         if first in costs:
-            curve = sorted({first, *(crossed_name(name, label) for name in table.curve)} & costs.keys(), key=costs.__getitem__)
+            wanted = dict.fromkeys([first, *(crossed_name(name, label) for name in table.curve)])
+            curve = sorted((row for row in wanted if row in costs), key=costs.__getitem__)  # in one order, also of equal costs
             lacking = tuple(name for name in table.curve if crossed_name(name, label) not in curve)
             clocks.append(Clock(label, first, rows, costs, tuple(curve), lacking, blind))
     measured = done[done["row"].isin([row for clock in clocks for row in clock.costs])]

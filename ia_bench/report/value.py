@@ -16,9 +16,10 @@ import numpy as np
 from ia_bench.report.collect import Record
 from ia_bench.report.curves import plain, save
 from ia_bench.report.findings import Findings
+from ia_bench.report.seconds import NOTHING_LEFT_OUT
 from ia_bench.report.statistics import half_width
 from ia_bench.report.table import Entry, Printed, carried_text, p_text
-from ia_bench.report.worth import NOTHING_LEFT_OUT, Gain, Map, maps, worth
+from ia_bench.report.worth import Gain, Map, maps, worth
 from ia_bench.report.write import begins_with, csv_text, filled, remove_all_but, write_whole
 from ia_bench.scores.metrics import METRIC_OF
 

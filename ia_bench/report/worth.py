@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from ia_bench.report.collect import Record, Runs
-from ia_bench.report.seconds import WORTH_METRICS
+from ia_bench.report.seconds import NOTHING_LEFT_OUT, WORTH_METRICS
 from ia_bench.report.statistics import CONFIDENCE, Judged, Paired, ScoresByCell, better, half_width, judged, means, side_by_side
 from ia_bench.report.table import BOUNDS, carried_text, p_text, signs_text
 from ia_bench.runs.table import Row, Table, capture_of, crossed_name
@@ -28,8 +28,6 @@ POWER = 0.8
 """With this probability an effect of the size :attr:`Gain.detectable` would have been found."""
 SHOWN = (*WORTH_METRICS, METRIC_OF["roughness.mse"])
 """Metrics of the maps."""
-NOTHING_LEFT_OUT = "all views"
-"""What a capture without a label is called."""
 
 
 def replicates(scenes: Sequence[np.ndarray], count: int = REPLICATES) -> np.ndarray:

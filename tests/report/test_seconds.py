@@ -217,10 +217,20 @@ def test_a_row_of_the_curve_that_was_not_run_is_named() -> None:
 
 
 def test_the_table_of_captures_calls_rows_by_their_whole_names() -> None:
-    table = replace(TABLE, captures=[{"views": 8}])
+    table = replace(TABLE, captures=[{"views": 8}], rows=[*TABLE.rows, Row("constant", [])])
     some = [one | {"row": f"{one['row']}, 8 views"} for one in records()]
+    some.append(some[0] | {"row": "constant, 8 views", "cpu_seconds": 0.0})  # a bound takes no seconds that compare
     time = clocked(some, table)
     printed = seconds_table(time, 2)
     assert printed.header[1] == "Seconds / none"
     assert [cells[0] for cells in printed.body] == [f"{row.name}, 8 views" for row in TABLE.rows]
     assert "“twice” (2.00)" in time.told
+    assert time.counted == seconds.CPU
+
+
+def test_captures_that_lack_a_row_of_the_curve_are_named() -> None:
+    table = replace(TABLE, captures=[{"views": 8}, {}])
+    ends = {row: [", 8 views", *([""] if row != "twice" else [])] for row in SPENT}
+    told = clocked([one | {"row": one["row"] + end} for one in records() for end in ends[one["row"]]], table).told
+    assert "“four times” (4.00) (as they are with 8 views)" in told
+    assert "Without “twice”, which the table names for that and which was not run or not timed with all views, gains" in told
