@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,7 @@ import pandas as pd
 from ia_bench.common.settings import flat
 from ia_bench.report.blocks import Block, block
 from ia_bench.report.collect import NOT_SCORED, Collection, Runs, finished, name_of, reason_of
-from ia_bench.report.seconds import Timing, points, seconds_table, timing
+from ia_bench.report.seconds import LONG_COMMIT, Timing, points, seconds_table, timing
 from ia_bench.report.statistics import Estimate, Paired, Verdict, judge, means, paired, side_by_side
 from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, Printed, counterparts, paper_rows
 from ia_bench.report.worth import Gain, gains
@@ -126,7 +126,7 @@ class Findings:
         """By what every run was made, as texts; commits are cut to 12 digits, as some records have them."""
         made = self.runs[list(MADE_BY)].astype(object)
         made = made.where(made.notna(), "unknown").astype(str)
-        return made.assign(commit=made["commit"].str.replace(r"^([0-9a-f]{12})[0-9a-f]+", r"\1", regex=True))
+        return made.assign(commit=made["commit"].str.replace(LONG_COMMIT, r"\1", regex=True))
 
     @property
     def warnings(self) -> list[str]:
@@ -233,13 +233,21 @@ def _ordered(first: Sequence[str], found: Iterable[str]) -> tuple[str, ...]:
 def _mixed_rows(runs: Runs) -> list[str]:
     """A sentence for every row whose runs, as far as folders hold their configurations, differ in more than scene and seed."""
     found = []
-    for row, setups in runs.groupby("row", sort=False)["setup"]:
-        tables = [flat({key: value for key, value in one.identity.items() if key not in OF_EACH_RUN}) for one in setups.dropna()]
-        keys = dict.fromkeys(key for table in tables for key in table)
-        values = {key: dict.fromkeys(repr(table[key]) if key in table else "nothing" for table in tables) for key in keys}
-        if words := [f"{key} ({', '.join(some)})" for key, some in values.items() if len(some) > 1]:
+    for row, mine in runs.groupby("row", sort=False):
+        words = _apart(mine["setup"], lambda key: key not in (*OF_EACH_RUN, "reader"))
+        for _, setups in mine.groupby("scene", sort=False)["setup"]:  # each scene may have a reader of its own
+            words += [word for word in _apart(setups, lambda key: key == "reader") if word not in words]
+        if words:
             found.append(f"{row}: its runs are not of one configuration, so that its means mix them: {_some(words)}")
     return found
+
+
+def _apart(setups: pd.Series, counts: Callable[[str], bool]) -> list[str]:
+    """What differs in those parts of runs' identities that count, each with its values."""
+    tables = [flat({key: value for key, value in one.identity.items() if counts(key)}) for one in setups.dropna()]
+    keys = dict.fromkeys(key for table in tables for key in table)
+    values = {key: dict.fromkeys(repr(table[key]) if key in table else "nothing" for table in tables) for key in keys}
+    return [f"{key} ({', '.join(some)})" for key, some in values.items() if len(some) > 1]
 
 
 def _some(words: Sequence[Any]) -> str:

@@ -320,6 +320,13 @@ def test_a_row_whose_runs_differ_in_a_setting_is_named(write_run: Write) -> None
     ]
 
 
+def test_scenes_with_readers_of_their_own_are_of_one_configuration(write_run: Write) -> None:
+    readers = {("hat", 0): "native", ("mug", 0): "colmap", ("mug", 1): "llff"}
+    folders = [put_setup(write_run("ours", *cell), {"reader": {"name": name}}) for cell, name in readers.items()]
+    assert not analyse(collect(folders[:2])).notes
+    assert "means mix them: reader.name ('colmap', 'llff')" in analyse(collect(folders)).notes[0], "two readings of one scene"
+
+
 def test_the_shipped_figures_equal_the_source() -> None:
     source = ROOT.parent / "shared" / "paper" / "table1.csv"
     if not source.is_file():
