@@ -13,7 +13,7 @@ from ia_bench.common.settings import flat
 from ia_bench.report.blocks import Block, block
 from ia_bench.report.collect import NOT_SCORED, Collection, Runs, finished, name_of, reason_of
 from ia_bench.report.seconds import LONG_COMMIT, Timing, points, seconds_table, timing
-from ia_bench.report.statistics import Estimate, Paired, Verdict, judge, means, paired, side_by_side
+from ia_bench.report.statistics import Estimate, Paired, Verdict, judge, means, paired, side_by_side, tally
 from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, Printed, counterparts, paper_rows
 from ia_bench.report.worth import Gain, gains
 from ia_bench.runs.table import Table
@@ -77,6 +77,12 @@ class Findings:
         """On what the table claims of rows that are here."""
         claims = [claim for claim in self.table.claims if {claim.better, claim.worse} <= set(self.rows)]
         return judge(self.runs, claims, self.scenes)
+
+    @property
+    def tally(self) -> str:
+        """How the verdicts came out, in a sentence; on orderings of the paper they are with our prior."""
+        ours = "With our small prior, on our own scenes, not with those of the paper: " if self.counterparts else ""
+        return ours + tally(self.verdicts)
 
     @cached_property
     def gains(self) -> list[Gain]:

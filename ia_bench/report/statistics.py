@@ -33,8 +33,7 @@ HOW_DECIDED = """\
 Each p-value is that of the paired t-test over scenes (over seeds, where there is one scene). Decided is what survives Holm's
 correction at 5 % among {family}; "alone" is what would be decided only if it stood alone; all else is undecided."""
 HOW_JUDGED = f"""\
-A row is claimed to be above another one, and judged with our small prior on our own scenes, not with those of the paper. The
-difference is positive where the row is above, seed by seed on the same scenes. {
+A row is claimed to be above another one; the difference is positive where it is, seed by seed on the same scenes. {
     HOW_DECIDED.format(family="all metrics of all claims here")
 } Decided are "reproduced", where the row is above, and "not reproduced", where it is below. Carried by: the run without which the
 mean is zero or has the other sign; ‡ the same within a scene."""
@@ -283,4 +282,4 @@ def judge(runs: Runs, claims: Sequence[Claim], scenes: Sequence[str]) -> list[Ve
 def tally(verdicts: Sequence[Verdict]) -> str:
     """How many verdicts there are of each kind, in a sentence."""
     found = [one.outcome for one in verdicts]
-    return f"With our small prior: {', '.join(f'{found.count(outcome)} {outcome}' for outcome in OUTCOMES)}."
+    return f"{', '.join(f'{found.count(outcome)} {outcome}' for outcome in OUTCOMES)}."

@@ -7,7 +7,7 @@ has a table of its own.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import pandas as pd
 
@@ -81,14 +81,17 @@ def counterparts(papers: Mapping[str, str]) -> dict[str, PaperRow]:
     return {row: printed[name] for row, name in papers.items()}
 
 
-def seconds_text(one: Line) -> str:
-    """Seconds of a row, and whether they are what somebody says."""
-    return "–" if one.seconds is None else f"{one.seconds.mean:.1f}{' (declared)' if one.declared else ''}"
+def seconds_text(one: Line, scenes: int) -> str:
+    """Seconds of a row, the number of scenes where some are missing, and whether they are what somebody says."""
+    value = one.seconds
+    return "–" if value is None else f"{value.mean:.1f}{_missing(value, scenes)}{' (declared)' if one.declared else ''}"
 
 
-def estimate_text(value: Estimate | None, metric: Metric, scenes: int) -> str:
-    """The mean, "± over seeds / over scenes", and the number of scenes where some are missing; – for no value."""
-    return "–" if value is None else f"{metric.text(value.mean)}{_widths(value, metric, scenes, value.half_width, value.wider)}"
+def estimate_text(value: Estimate | None, metric: Metric, scenes: int, *, widths: bool = True) -> str:
+    """The mean, "± over seeds / over scenes" with ``widths``, and the number of scenes where some are missing; – for no value."""
+    if value is None:
+        return "–"
+    return metric.text(value.mean) + _widths(value, metric, scenes, *((value.half_width, value.wider) if widths else ()))
 
 
 def difference_text(pairs: Paired, metric: Metric, scenes: int = 1) -> str:
@@ -103,8 +106,12 @@ def difference_text(pairs: Paired, metric: Metric, scenes: int = 1) -> str:
 def _widths(value: Estimate, metric: Metric, scenes: int, *widths: float | None) -> str:
     """Half widths as " ± 0.12 / 0.80", of a single scene the first alone, – for None; " (3/4)" behind where scenes are missing."""
     texts = ["–" if width is None else metric.text(width) for width in (widths[:1] if scenes == 1 else widths)]
-    missing = f" ({value.scenes}/{scenes})" if value.scenes < scenes else ""
-    return ("" if set(texts) == {"–"} else f" ± {' / '.join(texts)}") + missing
+    return ("" if set(texts) <= {"–"} else f" ± {' / '.join(texts)}") + _missing(value, scenes)
+
+
+def _missing(value: Estimate, scenes: int) -> str:
+    """Over how many of the ``scenes`` a mean is, where it is not over all of them."""
+    return f" ({value.scenes}/{scenes})" if value.scenes < scenes else ""
 
 
 def p_text(value: float | None) -> str:
@@ -159,14 +166,13 @@ def results_table(
         bound = f" ({BOUNDS[one.row]})" if BOUNDS.get(one.row, one.row) != one.row else ""
         cells: list[Entry | str] = [f"{one.row}{bound}{' †' if one.sees_truth else ''}"]
         for metric in metrics:
-            value = one.values[metric.key]
-            value = value if widths or value is None else replace(value, half_width=None, wider=None)
-            text = estimate_text(value, metric, block.scenes)
+            text = estimate_text(one.values[metric.key], metric, block.scenes, widths=widths)
             why = tuple(notes[reason] for reason in one.reasons[metric.key] if reason in notes)
             cells.append(Entry(text, block.is_best(one.row, metric), why))
         if made is not None:
             memory = "–" if one.peak_memory_bytes is None else f"{one.peak_memory_bytes / 2**20:.0f} MiB"
-            cells += [seconds_text(one), memory, f"{one.failed}/{one.runs}", *(texts.get(one.row, "–") for texts in made.values())]
+            cells += [seconds_text(one, block.scenes), memory, f"{one.failed}/{one.runs}"]
+            cells += [texts.get(one.row, "–") for texts in made.values()]
         body.append(cells)
     more = [] if made is None else [*COSTS, *made]
     return Printed(["Row", *map(_head, metrics), *more], body)
@@ -195,7 +201,7 @@ def beside_paper_table(block: Block, counterparts: Mapping[str, PaperRow]) -> Pr
     for one in [line for line in block.lines if line.row in counterparts]:
         theirs = counterparts[one.row]
         here = {m: [one.values[m.key], *([one.whole[m.key]] if m in PSNRS else [])] for m in metrics}
-        texts = {m: " / ".join("–" if value is None else m.text(value.mean) for value in some) for m, some in here.items()}
+        texts = {m: " / ".join(estimate_text(value, m, block.scenes, widths=False) for value in some) for m, some in here.items()}
         body.append([one.row, theirs.method, *(f"{text} ({m.text(theirs.values[m.key])})" for m, text in texts.items())])
     heads = (f"{m.title} {'object / whole image' if m in PSNRS else 'here'} (paper's scenes)" for m in metrics)
     return Printed(["Row", "Paper's row", *heads], body)
@@ -244,4 +250,4 @@ def claims_table(verdicts: Sequence[Verdict], scenes: Sequence[str], *, by_scene
         tests = [p_text(one.p_value), *([signs_text(one.pairs)] if signs else [])]
         body.append([*names, mean, one.outcome, carried_text(one.pairs) or "–", *tests, *each])
     tests = ["p", *(["Scenes above (sign test)"] if signs else [])]
-    return Printed(["Claim", "Metric", "Difference", "With our small prior", "Carried by", *tests, *shown], body)
+    return Printed(["Claim", "Metric", "Difference", "Verdict", "Carried by", *tests, *shown], body)

@@ -76,6 +76,16 @@ def test_rows_stand_beside_the_papers_and_beside_the_reference_renderer(tmp_path
     assert r"| split sums | NvDiffrec\* | 20.50 / 24.50 (14.52) |" in beside
 
 
+def test_a_mean_over_fewer_scenes_says_so_wherever_it_stands(tmp_path: Path, write_run: Write) -> None:
+    folders = [write_run(row, scene) for row, scene in (("ours", "hat"), ("none", "hat"), ("none", "ship"))]
+    table = Table(rows=[Row("ours", [], paper="Ours")], claims=[Claim("ours", "none")])
+    write_report(folders, tmp_path, table)
+    text = (tmp_path / "report.md").read_text()
+    assert "| 50.0 (1/2) | 1024 MiB |" in text, "seconds"
+    assert "| ours | Ours | 20.00 (1/2) / – (" in text, "beside the paper's"
+    assert "With our small prior, on our own scenes, not with those of the paper: 0 reproduced" in text, "a row of the paper's"
+
+
 def test_a_row_that_the_paper_has_not_is_named(tmp_path: Path, write_run: Callable[..., Path]) -> None:
     write_run("ours", "hat")
     with pytest.raises(InputError, match=r"rows: ours: paper: expected a row .* found NeRF"):
@@ -145,7 +155,7 @@ def test_latex_has_the_papers_layout(out: Path) -> None:
     assert r"ours & \textbf{22.50} & 0.9000" in tables[0]
     assert "oracle\\_*$^\\dagger$ & 40.00" in tables[0]
     assert r"ours & \textbf{22.50\,$\pm$\,1.52 / 25.41} &" in tables[1]
-    assert "With our small prior: 1 reproduced, 0 not reproduced" in tables[3]
+    assert "caption{1 reproduced, 0 not reproduced" in tables[3]
 
 
 def check_latex(text: str) -> None:

@@ -198,7 +198,7 @@ def _numbers(one: Line, block: Block, findings: Findings) -> list[Number]:
     return [
         *numbers,
         *_gains(one.row, block, findings),
-        Number("seconds", seconds_text(one), data.short(seconds)),
+        Number("seconds", seconds_text(one, block.scenes), data.short(seconds)),
         Number("memory", "–" if memory is None else f"{memory / 2**20:.0f}", data.short(memory), headline=False),
         Number("failed", f"{one.failed}/{one.runs}", one.failed),
     ]
@@ -206,6 +206,8 @@ def _numbers(one: Line, block: Block, findings: Findings) -> list[Number]:
 
 def _share(value: Estimate | None, floor: Estimate | None, ceiling: Estimate | None) -> float | None:
     if value is None or floor is None or ceiling is None or floor.mean == ceiling.mean:
+        return None
+    if len({value.scenes, floor.scenes, ceiling.scenes}) > 1:  # of other scenes, which may be harder
         return None
     return round(100 * min(max((value.mean - floor.mean) / (ceiling.mean - floor.mean), 0.0), 1.0), 1)
 
