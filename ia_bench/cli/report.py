@@ -57,16 +57,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _table_of(folders: Sequence[Path]) -> Table:
-    """The table whose results one of the ``folders`` is, with the rows of its last call; without rows where that cannot be told."""
+    """The table whose results one of the ``folders`` is, with the rows and scenes of its last call; else one without rows."""
     plans = [read_cells(folder) for folder in folders if (folder / CELLS).exists()]
     if len(plans) == 1:
-        called, listed = plans[0].table, {cell.row for cell in plans[0].cells}
+        called, cells = plans[0].table, plans[0].cells
+        listed, scenes = {cell.row for cell in cells}, list(dict.fromkeys(cell.scene for cell in cells))
         with suppress(InputError):  # its file may be gone, or another one now
             table = load_table(called)
             rows = [row.name for row in table.rows if any(one.name in listed for one in replace(table, rows=[row]).crossed_rows)]
             if rows:
                 say(f"reported as table {called}; --table takes another", sys.stderr)
-                return some_rows(table, ", ".join(rows))
+                return replace(some_rows(table, ", ".join(rows)), scenes=scenes)
     return Table()
 
 

@@ -115,7 +115,7 @@ def test_of_a_tables_results_the_cells_of_its_last_call_are_reported(tmp_path: P
 
 
 SEVERAL_WAYS = """
-scenes: [hat]
+scenes: [hat, ship]
 reference: none
 captures: [{}, {views: 8}]
 rows: [{name: none, overrides: []}, {name: longer, overrides: []}, {name: ours, overrides: []}]
@@ -134,6 +134,7 @@ def test_results_of_a_table_are_reported_as_it_is(tmp_path: Path, capsys: pytest
     assert f"reported as table {table}" in said.err
     assert "longer: more steps" in said.out
     assert "ours" not in said.out
+    assert "| longer | 23.00 |" in said.out, "the mean over the scene that was asked for, not over one of two"
     assert "minus the row without a prior of the same scene" in (tmp_path / "out" / "page" / "index.html").read_text()
     table.unlink()
     assert main([str(results), "--out", str(tmp_path / "out")]) == 0
