@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,6 @@ from ia_bench.report.curves import Curve
 from ia_bench.report.findings import Findings
 from ia_bench.report.seconds import points
 from ia_bench.report.table import BOUNDS, HEADLINE, MAIN, measured
-from ia_bench.runs.table import Row
 from ia_bench.scores.metrics import CURVE_METRICS, MEASURED, METRICS, Metric
 
 DIGITS = 5  # significant ones of a number that a script draws or sorts by
@@ -110,15 +108,13 @@ def page_data(findings: Findings, title: str, page: Path, live: dict[str, Any] |
 
 
 def _row(line: Line, findings: Findings) -> dict[str, Any]:
-    row = next((one for one in findings.table.crossed_rows if one.name == line.row), Row(line.row, []))
     paper = findings.counterparts.get(line.row)
     return {
         "name": line.row,
-        "note": row.note,
+        "note": next((one.note for one in findings.table.crossed_rows if one.name == line.row), ""),
         "bound": BOUNDS.get(line.row),
         "truth": line.sees_truth,
         "paper": paper and {"method": paper.method, "values": paper.values},
-        "command": shlex.join(["ia-bench", "run", *row.overrides]) if row.overrides else "",
     }
 
 

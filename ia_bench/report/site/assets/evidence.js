@@ -28,9 +28,8 @@
     bench.say("Command copied");
   } } });
   const command = (run) => {
-    const row = data.rows[run.row].command, text = run.command || (row && `${row} scene=${data.scenes[run.scene]} seed=${run.seed}`);
-    if (!text) return make("p", { class: "fine", text: "This report does not know the configuration of this run, so not its command." });
-    return make("div", { class: "command" }, make("code", { text }), copy(text));
+    if (!run.command) return make("p", { class: "fine", text: "This report does not know the configuration of this run, so not its command." });
+    return make("div", { class: "command" }, make("code", { text: run.command }), copy(run.command));
   };
 
   const one = (run, key) => {
