@@ -157,7 +157,7 @@ def read_run(folder: Path) -> Record:
         **{name: getattr(record, name) for name in OF_RECORD},
         "config_hash": record.config_hash[:HASH_DIGITS],
         "commit": environment.get("commit"),
-        "clean": record.clean if environment.get("commit") else None,
+        "clean": record.clean,
         "cpu": cpu if isinstance(cpu := environment.get("cpu"), str) else None,
     }
     with suppress(ValueError):  # quotes without an end, in somebody else's

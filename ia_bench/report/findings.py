@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,7 +14,7 @@ from ia_bench.common.settings import flat
 from ia_bench.report.blocks import Block, block
 from ia_bench.report.collect import NOT_SCORED, Collection, Runs, finished, name_of, reason_of
 from ia_bench.report.seconds import LONG_COMMIT, Timing, points, seconds_table, timing
-from ia_bench.report.statistics import Estimate, Paired, Verdict, judge, means, paired, side_by_side, tally
+from ia_bench.report.statistics import OUTCOMES, Estimate, Paired, Verdict, judge, means, paired, side_by_side
 from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, Printed, counterparts, paper_rows
 from ia_bench.report.worth import Gain, gains
 from ia_bench.runs.table import Table
@@ -82,7 +83,8 @@ class Findings:
     def tally(self) -> str:
         """How the verdicts came out, in a sentence; on orderings of the paper they are with our prior."""
         ours = "With our small prior, on our own scenes, not with those of the paper: " if self.counterparts else ""
-        return ours + tally(self.verdicts)
+        found = Counter(one.outcome for one in self.verdicts)
+        return f"{ours}{', '.join(f'{found[outcome]} {outcome}' for outcome in OUTCOMES)}."
 
     @cached_property
     def gains(self) -> list[Gain]:
@@ -239,21 +241,17 @@ def _ordered(first: Sequence[str], found: Iterable[str]) -> tuple[str, ...]:
 def _mixed_rows(runs: Runs) -> list[str]:
     """A sentence for every row whose runs, as far as folders hold their configurations, differ in more than scene and seed."""
     found = []
-    for row, mine in runs.groupby("row", sort=False):
-        words = _apart(mine["setup"], lambda key: key not in (*OF_EACH_RUN, "reader"))
-        for _, setups in mine.groupby("scene", sort=False)["setup"]:  # each scene may have a reader of its own
-            words += [word for word in _apart(setups, lambda key: key == "reader") if word not in words]
-        if words:
+    for row, mine in runs.dropna(subset=["setup"]).groupby("row", sort=False):
+        tables = []
+        for scene, setup in zip(mine["scene"], mine["setup"], strict=True):
+            deciding = {key: value for key, value in setup.identity.items() if key not in OF_EACH_RUN}
+            tables.append(flat({f"{scene}: reader": deciding.pop("reader", {})} | deciding))  # each scene may have one of its own
+        keys = dict.fromkeys(key for table in tables for key in table)
+        known = {key: [table for table in tables if key in table or ": " not in key] for key in keys}
+        values = {key: dict.fromkeys(repr(one[key]) if key in one else "nothing" for one in some) for key, some in known.items()}
+        if words := [f"{key} ({', '.join(some)})" for key, some in values.items() if len(some) > 1]:
             found.append(f"{row}: its runs are not of one configuration, so that its means mix them: {_some(words)}")
     return found
-
-
-def _apart(setups: pd.Series, counts: Callable[[str], bool]) -> list[str]:
-    """What differs in those parts of runs' identities that count, each with its values."""
-    tables = [flat({key: value for key, value in one.identity.items() if counts(key)}) for one in setups.dropna()]
-    keys = dict.fromkeys(key for table in tables for key in table)
-    values = {key: dict.fromkeys(repr(table[key]) if key in table else "nothing" for table in tables) for key in keys}
-    return [f"{key} ({', '.join(some)})" for key, some in values.items() if len(some) > 1]
 
 
 def _some(words: Sequence[Any]) -> str:

@@ -277,9 +277,3 @@ def judge(runs: Runs, claims: Sequence[Claim], scenes: Sequence[str]) -> list[Ve
             pairs = better(side_by_side(runs, metric.column), claim.better, claim.worse, metric)
             verdicts.append(Verdict(metric, pairs, pairs.pairs.keys() >= set(scenes), claim.better, claim.worse))
     return judged(verdicts)
-
-
-def tally(verdicts: Sequence[Verdict]) -> str:
-    """How many verdicts there are of each kind, in a sentence."""
-    found = [one.outcome for one in verdicts]
-    return f"{', '.join(f'{found.count(outcome)} {outcome}' for outcome in OUTCOMES)}."

@@ -20,15 +20,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import files_below, hash_of_files, shown
 from ia_bench.common.machine import environment
 from ia_bench.common.ranges import NO_NUMBER
-from ia_bench.runs.config import (
-    ReaderConfig,
-    RunConfig,
-    SceneConfig,
-    expect_outside,
-    method_of,
-    resolve_scene_folder,
-    slug,
-)
+from ia_bench.runs.config import ReaderConfig, RunConfig, SceneConfig, expect_outside, method_of, resolve_scene_folder, slug
 
 IDENTITY_VERSION = 13
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""

@@ -162,16 +162,10 @@ class RunRecord:
         return f"row {self.row}, scene {self.scene}, seed {self.seed}"
 
     @property
-    def commit(self) -> str | None:
-        """The commit of the code that made the run, None where it was no checkout."""
+    def clean(self) -> bool | None:
+        """Whether the code that made the run was a commit's, without changes; None where it was no checkout."""
         found = self.environment.get("commit")
-        return str(found).removesuffix(CHANGED) if found else None
-
-    @property
-    def clean(self) -> bool:
-        """Whether that code was a commit's, without changes."""
-        found = self.environment.get("commit")
-        return bool(found) and not str(found).endswith(CHANGED)
+        return not str(found).endswith(CHANGED) if found else None
 
     @property
     def threads(self) -> int | None:

@@ -7,7 +7,7 @@ from scored_runs import scored
 
 from ia_bench.report.blocks import Block, block
 from ia_bench.report.collect import Record, as_table
-from ia_bench.report.statistics import Estimate, Paired, Verdict, holm, judge, over_scenes, paired, side_by_side, tally
+from ia_bench.report.statistics import Estimate, Paired, Verdict, holm, judge, over_scenes, paired, side_by_side
 from ia_bench.runs.table import Claim
 from ia_bench.scores.metrics import METRICS
 
@@ -155,9 +155,7 @@ def verdict(values: dict[str, dict[str, list[float]]], scenes: list[str] = HAT, 
     ],
 )
 def test_outcome_is_where_the_interval_lies(ours: list[float], theirs: list[float], expected: str) -> None:
-    found = verdict({"ours": {"hat": ours}, "theirs": {"hat": theirs}})
-    assert found.outcome == expected
-    assert f"1 {expected}" in tally([found])
+    assert verdict({"ours": {"hat": ours}, "theirs": {"hat": theirs}}).outcome == expected
 
 
 def test_a_missing_scene_leaves_it_undecided() -> None:
@@ -192,7 +190,6 @@ def test_what_is_decided_only_alone_is_called_so() -> None:
     keys = ["albedo.psnr", "albedo.ssim", "relighting.psnr", "relighting.ssim"]
     several = judge(runs, [Claim("ours", "theirs", keys), Claim("theirs", "ours", keys[:1])], scenes)
     assert [one.outcome for one in several] == ["reproduced alone"] * 4 + ["not reproduced alone"]
-    assert tally(several).endswith("0 reproduced, 0 not reproduced, 4 reproduced alone, 1 not reproduced alone, 0 undecided.")
 
 
 def test_a_sign_test_wants_eight_scenes() -> None:

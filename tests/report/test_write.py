@@ -334,7 +334,7 @@ def test_scenes_with_readers_of_their_own_are_of_one_configuration(write_run: Wr
     readers = {("hat", 0): "native", ("mug", 0): "colmap", ("mug", 1): "llff"}
     folders = [put_setup(write_run("ours", *cell), {"reader": {"name": name}}) for cell, name in readers.items()]
     assert not analyse(collect(folders[:2])).notes
-    assert "means mix them: reader.name ('colmap', 'llff')" in analyse(collect(folders)).notes[0], "two readings of one scene"
+    assert "means mix them: mug: reader.name ('colmap', 'llff')" in analyse(collect(folders)).notes[0], "two readings of one scene"
 
 
 def test_the_shipped_figures_equal_the_source() -> None:
