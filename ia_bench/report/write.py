@@ -202,6 +202,7 @@ def tex(cell: Entry | str) -> str:
     text = "".join(LATEX.get(letter, letter) for letter in cell.text.replace(" †", "†").replace(" ‡", "‡")).replace(
         r" $\pm$ ", r"\,$\pm$\,"
     )
+    text = f"{{}}{text}" if text[:1] in ("[", "*") else text  # which the end of the line before would take for its own
     notes = f"$^{{{','.join(map(str, cell.notes))}}}$" if cell.notes else ""
     return (rf"\textbf{{{text}}}" if cell.best else text) + notes
 

@@ -181,6 +181,7 @@ def check_latex(text: str) -> None:
 
 def test_latex_escapes_every_special_character() -> None:
     assert tex("a_b%#&{}$~^\\") == r"a\_b\%\#\&\{\}\$\textasciitilde{}\textasciicircum{}\textbackslash{}"
+    assert (tex("*ours"), tex("[7] theirs")) == ("{}*ours", "{}[7] theirs"), "behind a line's end they would be options of it"
 
 
 def test_markdown_escapes_what_would_be_markup_or_mathematics() -> None:
