@@ -137,3 +137,8 @@ def test_a_published_run_tells_the_command_that_made_it(tmp_path: Path) -> None:
     found = page_data(write_page(analyse(Collection(runs), Table(rows=[Row("ours", ["prior=none"])])), "t", tmp_path))
     assert [run.get("command") for run in found["runs"]] == [None, "ia-bench run prior=none reader=colmap"]
     assert "command" not in found["rows"][0]
+
+
+def test_runs_that_were_scored_again_have_no_curve_though_their_folders_are_there(write_run: Write, tmp_path: Path) -> None:
+    text = write_page(analyse(collect([write_run("ours", "hat")])), "t", tmp_path / "page").read_text(encoding="utf-8")
+    assert "and a run that was scored again has none" in text

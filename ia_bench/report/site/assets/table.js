@@ -44,7 +44,7 @@
     const value = (row) => { const text = bench.cellOf(row, key).dataset.v; return key === "row" ? row.dataset.row : text === undefined ? NaN : Number(text); };
     const compare = (a, b) => {
       const [x, y] = [value(a), value(b)];
-      if (key === "row") return x.localeCompare(y);
+      if (key === "row") return x.localeCompare(y, undefined, { numeric: true }); // 8 views before 16
       return Number.isNaN(x) - Number.isNaN(y) || x - y || 0;
     };
     const sign = how === "better" ? up : -up;
