@@ -83,4 +83,4 @@ def repeat(run: Record) -> Repeated:
     found = {metric: again[metric.column] for metric in known}
     scores = {metric: (old, math.nan if (new := found[metric]) is None else new) for metric, old in known.items()}
     changed = f"its identity is {now} now, not {run['config_hash']}: settings, weights or scene are others"
-    return Repeated(run, scores, changed="" if now == run["config_hash"] else changed)
+    return Repeated(run, scores, changed="" if run["config_hash"] in (now, None) else changed)  # None: not published

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import nullcontext
 from pathlib import Path
 
-from ia_bench.common.errors import Fault
+from ia_bench.common.errors import Fault, raised
 from ia_bench.common.machine import settle_libraries
 from ia_bench.common.progress import Progress
 from ia_bench.runs.config import RunConfig
@@ -43,7 +43,7 @@ def execute(config: RunConfig, progress: Progress | None = None) -> tuple[RunRec
                 except Exception as error:
                     if not folder.restoring:
                         raise
-                    progress.note(f"{folder.path}: checkpoint ignored, starting over ({type(error).__name__}: {error})")
+                    progress.note(f"{folder.path}: checkpoint ignored, starting over ({raised(error)})")
                     folder.drop_checkpoint()
                     record = run(config, folder, progress, known)
         except KeyboardInterrupt as stop:

@@ -10,7 +10,7 @@ from scored_runs import scored
 
 from ia_bench.cli.verify import main
 from ia_bench.common.errors import InputError
-from ia_bench.report.again import drawn, overrides_of
+from ia_bench.report.again import drawn, overrides_of, repeat
 from ia_bench.report.collect import HASH_DIGITS, as_table, read_published
 from ia_bench.report.findings import Collection, analyse
 from ia_bench.report.write import _runs_text
@@ -112,6 +112,15 @@ def test_what_cannot_be_run_again_says_why(published: Path, repeats: Any, capsys
     assert "changed, tiny, seed 0: differs: its identity is " in told
     assert "former, tiny, seed 0: not run again: its runs.csv does not hold the command line" in told
     assert "1 differs, 1 not run again" in told.splitlines()[-1]
+
+
+def test_a_run_that_was_published_without_its_hash_is_not_called_another_one(published: Path, repeats: Any, here: str) -> None:
+    (run,) = [run for run in read_published(published / "runs.csv") if run["row"] == "ours, 2"]
+    repeats(20.0)
+    found = repeat(run | {"config_hash": None})
+    assert (found.changed, found.problem, found.apart(1e-3)) == ("", "", [])
+    repeats(20.0)
+    assert f"its identity is {here} now, not 1: " in repeat(run | {"config_hash": "1"}).changed
 
 
 def test_a_run_that_was_scored_again_has_no_command(published: Path) -> None:
