@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ia_bench.common.atomic_file import LEFTOVERS, whole_file
-from ia_bench.common.errors import Fault, InputError, first_line, raised
+from ia_bench.common.errors import Fault, InputError, first_line, printable, raised
 from ia_bench.common.paths import PACKAGE
 from ia_bench.common.settings import parsed
 from ia_bench.runs.interruption import end_if_asked
@@ -164,12 +164,10 @@ class RunFolder:
 
     def write_failure(self, failure: BaseException | str, known: Mapping[str, Any]) -> None:
         """Write the record of a failed run, which the next run tries again; ``known``: labels, and whatever else of it is known."""
-        said: dict[str, str | None] = {"error": str(failure), "traceback": None}
-        if isinstance(failure, BaseException):
-            said["error"] = str(failure) if isinstance(failure, Fault | InputError) else raised(failure)
-            said["traceback"] = "".join(traceback.format_exception(failure))
-        said = {key: text and text.encode(errors="backslashreplace").decode() for key, text in said.items()}
-        self.write_record(RunRecord(**known, **said, config_hash=self.config_hash, status="failed"))  # type: ignore[arg-type]
+        error = printable(str(failure) if isinstance(failure, Fault | InputError | str) else raised(failure))
+        trace = None if isinstance(failure, str) else "".join(traceback.format_exception(failure))
+        trace = trace and trace.encode(errors="backslashreplace").decode()
+        self.write_record(RunRecord(**known, error=error, traceback=trace, config_hash=self.config_hash, status="failed"))
 
     def _claim(self, identity: Mapping[str, Any], setup: Mapping[str, Any]) -> None:
         path = self.path / CONFIG

@@ -55,6 +55,8 @@ def test_what_a_failure_says_in_many_lines_is_one_in_the_record(folder: RunFolde
     folder.write_failure(RuntimeError("CUDA error\n\n# set CUDA_LAUNCH_BLOCKING"), LABELS)
     record = json.loads((folder.path / METRICS_FILE).read_text())
     assert (record["error"], "# set" in record["traceback"]) == ("RuntimeError: CUDA error", True)
+    folder.write_failure("exit status 1: 10%\r20%", LABELS)  # a bar of a plug-in's, which a log ends with
+    assert RunRecord.read(folder.path).error == "exit status 1: 10%\\r20%"
 
 
 def test_curve_is_csv_with_every_column(folder: RunFolder) -> None:
