@@ -61,13 +61,13 @@ def _table_of(folders: Sequence[Path]) -> Table:
     plans = [read_cells(folder) for folder in folders if (folder / CELLS).exists()]
     if len(plans) == 1:
         called, cells = plans[0].table, plans[0].cells
-        listed, scenes = {cell.row for cell in cells}, list(dict.fromkeys(cell.scene for cell in cells))
+        listed = {cell.row for cell in cells}
         with suppress(InputError):  # its file may be gone, or another one now
             table = load_table(called)
             rows = [row.name for row in table.rows if any(one.name in listed for one in replace(table, rows=[row]).crossed_rows)]
             if rows:
                 say(f"reported as table {called}; --table takes another", sys.stderr)
-                return replace(some_rows(table, ", ".join(rows)), scenes=scenes)
+                return replace(some_rows(table, ", ".join(rows)), scenes=[*dict.fromkeys(cell.scene for cell in cells)])
     return Table()
 
 

@@ -42,9 +42,16 @@ def write_value(findings: Findings, out: Path) -> list[Path]:
     FILES that a former report has left there go.
     """
     found = findings.gains
-    shown, photographs, texts = maps(found), worth(findings.runs, findings.table) if found else [], {}
+    shown, photographs = maps(found), worth(findings.runs, findings.table) if found else []
+    texts: dict[str, str] = {}
     if found:
-        texts = {"value.md": _text(findings, shown, photographs), "value.csv": csv_text(map(_of_gain, found))}
+        reference = found[0].reference
+        head = ["row", "metric", "photographs", f"photographs that {reference} needs", "95 %"]
+        scenes = sorted({scene for gain in found for scene in gain.pairs.pairs})
+        told: dict[str, object] = {"maps": [(one.metric.title, _printed(one)) for one in shown], "scenes": scenes}
+        told["photographs"] = Printed(head, [*map(_line, photographs)])
+        texts["value.md"] = filled("value.md", findings, reference=reference, pairs=found[0].pairs.count, **told)
+        texts["value.csv"] = csv_text(map(_of_gain, found))
     if photographs:
         texts["photographs.csv"] = csv_text(photographs)
     ours = begins_with(out / FILES[0], TITLE)
@@ -54,22 +61,6 @@ def write_value(findings: Findings, out: Path) -> list[Path]:
     if ours:
         remove_all_but(written, (out / name for name in FILES))
     return written
-
-
-def _text(findings: Findings, shown: Sequence[Map], photographs: Sequence[Record]) -> str:
-    """The page to read."""
-    found = findings.gains
-    reference = found[0].reference
-    head = ["row", "metric", "photographs", f"photographs that {reference} needs", "95 %"]
-    return filled(
-        "value.md",
-        findings,
-        reference=reference,
-        maps=[(one.metric.title, _printed(one)) for one in shown],
-        photographs=Printed(head, [*map(_line, photographs)]),
-        scenes=sorted({scene for gain in found for scene in gain.pairs.pairs}),
-        pairs=found[0].pairs.count,
-    )
 
 
 def _printed(one: Map) -> Printed:

@@ -28,6 +28,7 @@ OF_A_VIEW = 5.0
 """So many times as far may a single view be: its noise does not average out."""
 MOST = 3
 """So many scores that differ are told, the farthest first."""
+WEIGHTS = "lpips.weights"  # where the file lies that LPIPS was read from: its content is in the identity
 State = Literal["verified", "differs", "not scored again"]
 
 
@@ -111,12 +112,6 @@ def _numbers(values: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
                 yield name if place is None else f"{name}[{place}]", one
 
 
-def _without_weights(protocol: Mapping[str, Any]) -> dict[str, Any]:
-    """A protocol's description without the place of the file that LPIPS was read from: its content is in the identity."""
-    lpips = protocol.get("lpips")
-    return {**protocol, "lpips": {**lpips, "weights": None}} if isinstance(lpips, Mapping) else dict(protocol)
-
-
 def _inconsistent(run: Recovered) -> list[str]:
     """What of a record and its configuration contradict each other."""
     identity, record = run.setup.identity, run.record
@@ -125,7 +120,7 @@ def _inconsistent(run: Recovered) -> list[str]:
         hashes["protocol_hash"] = protocol_hash(identity)
     wrong = [name for name, hash_ in hashes.items() if getattr(record, name) != hash_]
     said = [f"{METRICS_FILE}: {name} is not that of the configuration" for name in wrong]
-    told, found = (_without_weights(one) for one in (record.protocol_description, run.config.protocol.describe()))
-    if told != found:
+    told, found = map(flat, (record.protocol_description, run.config.protocol.describe()))
+    if told | {WEIGHTS: None} != found | {WEIGHTS: None}:
         said.append(f"{METRICS_FILE}: protocol_description is not what this version computes for {record.protocol}")
     return said

@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 
 from ia_bench.common.settings import flat
-from ia_bench.report.blocks import Line
 from ia_bench.report.collect import TIMES, reason_of
 from ia_bench.report.curves import Curve
 from ia_bench.report.findings import Findings
@@ -86,6 +85,7 @@ def page_data(findings: Findings, title: str, page: Path, live: dict[str, Any] |
     metrics = shown(findings)
     runs = [_run(run, page, findings, metrics) for run in findings.runs.to_dict("records")]
     own = ("key", "group", "label", "title", "digits")
+    notes = {row.name: row.note for row in findings.table.crossed_rows}
     return {
         "title": title,
         "protocol": findings.protocol,
@@ -96,7 +96,16 @@ def page_data(findings: Findings, title: str, page: Path, live: dict[str, Any] |
         ],
         "curveMetrics": [metric.key for metric in CURVE_METRICS],
         "costs": COSTS,
-        "rows": [_row(line, findings) for line in findings.overall.lines],
+        "rows": [
+            {
+                "name": line.row,
+                "note": notes.get(line.row, ""),
+                "bound": BOUNDS.get(line.row),
+                "truth": line.sees_truth,
+                "paper": (paper := findings.counterparts.get(line.row)) and {"method": paper.method, "values": paper.values},
+            }
+            for line in findings.overall.lines
+        ],
         "scenes": list(findings.scenes),
         "whyPaper": WHY_THE_PAPER_DIFFERS,
         "configurations": _told_once(runs, "configuration"),
@@ -104,17 +113,6 @@ def page_data(findings: Findings, title: str, page: Path, live: dict[str, Any] |
         "runs": runs,
         "pareto": [] if findings.timing is None else points(findings.timing),
         **({} if live is None else {"live": live}),
-    }
-
-
-def _row(line: Line, findings: Findings) -> dict[str, Any]:
-    paper = findings.counterparts.get(line.row)
-    return {
-        "name": line.row,
-        "note": next((one.note for one in findings.table.crossed_rows if one.name == line.row), ""),
-        "bound": BOUNDS.get(line.row),
-        "truth": line.sees_truth,
-        "paper": paper and {"method": paper.method, "values": paper.values},
     }
 
 
