@@ -30,7 +30,7 @@ PLACES = tuple(
     ((side * 7, up), "left" if side > 0 else "right") for up in (0, 9, -9, 18, -18, 27, -27, 36, -36) for side in (1, -1)
 )
 """Where a point's name may stand: offsets in points, the first ones first."""
-POINT = 5  # pixels around a point that no name should hide
+POINT = 5  # pixels around a point, and around a name, that no other name should hide
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ def _name_points(panel: Axes, points: dict[str, tuple[float, float]]) -> None:
         text.set(position=offset, ha=side)
         if offset[1]:
             panel.annotate("", at, xytext=offset, textcoords="offset points", arrowprops=LEADER, in_layout=False)
-        taken.append(text.get_window_extent().padded(1))
+        taken.append(text.get_window_extent().padded(POINT))
 
 
 def _draw_front(panel: Axes, metric: Metric, one: dict[str, Any]) -> None:
