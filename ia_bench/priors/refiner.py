@@ -171,7 +171,9 @@ def see(
     mask = masks[..., None]
     straight = 1 / mask.clamp_min(LEAST_COVERAGE)
     inside = (mask > 0.5).float()
-    exposure, factor = PHOTOGRAPH / _mean(images * straight, inside, DARKEST), ALBEDO / _mean(albedo * straight, inside, 1e-4)
+    level = _mean(images * straight, inside)
+    exposure = torch.where(level > DARKEST, PHOTOGRAPH / level.clamp_min(DARKEST), 1.0)
+    factor = ALBEDO / _mean(albedo * straight, inside).clamp_min(1e-4)
     photograph = (images * straight * exposure).clamp(0, LARGEST_RADIANCE)
     rendered = (renders["radiance"] * straight * exposure).clamp(0, LARGEST_RADIANCE)
     shine = (renders["specular"] * straight * exposure).clamp(0, LARGEST_RADIANCE)
@@ -187,10 +189,9 @@ def see(
     return Seen(first[0], first[1], factor, first[2], mask)
 
 
-def _mean(values: Tensor, inside: Tensor, least: float) -> Tensor:
-    """(N, 1, 1, 1): the mean of (N, H, W, 3) over pixels and channels, or the ``least`` that it may be."""
-    total = (values * inside).sum((1, 2, 3)) / (3 * inside.sum((1, 2, 3))).clamp_min(1)
-    return total.clamp_min(least)[:, None, None, None]
+def _mean(values: Tensor, inside: Tensor) -> Tensor:
+    """(N, 1, 1, 1): the mean of (N, H, W, 3) over pixels and channels; 0 where none is inside."""
+    return ((values * inside).sum((1, 2, 3)) / (3 * inside.sum((1, 2, 3))).clamp_min(1))[:, None, None, None]
 
 
 class RefinerNetwork(nn.Module):

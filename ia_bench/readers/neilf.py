@@ -80,9 +80,9 @@ class NeilfReader(FolderReader):
         name = Path(str(_at(where, content, "image_path", "file_paths", key))).stem
         photo = self._photo(where, name)
         height, width = photo.mask.shape
-        size = _at(where, content, *image).get("size", [width, height])  # of what was calibrated, in either order
-        if sorted(numbers(size).ravel().tolist()) != sorted([width, height]):
-            found = f"expected that of photograph {name}, {width} x {height}, found {size!r:.100}"
+        calibrated = _at(where, content, *image).get("size", [width, height])  # in either order
+        if sorted(numbers(calibrated).ravel().tolist()) != sorted([width, height]):
+            found = f"expected that of photograph {name}, {width} x {height}, found {calibrated!r:.100}"
             raise InputError(f"{where}: {'.'.join(image)}.size: {found}")
         camera = Camera(to_world, (fx, fy), (cx, cy), width, height)
         return photo.view(name, check_camera(f"{where}: {'.'.join((*keys, 'intrinsic'))}", camera))

@@ -153,7 +153,12 @@ class TensoirReader(ViewFolders):
     @property
     def photographs(self) -> tuple[str, ...]:
         """The names of photographs under the training light."""
-        return f"rgba_{self.light}_{self.rotation}.png", f"rgba_{self.light}.png"
+        return f"rgba_{self.light}_{self.turn}.png", f"rgba_{self.light}.png"
+
+    @property
+    def turn(self) -> str:
+        """The rotation as it stands in names: without quotes ``rotation=060`` is a number."""
+        return f"{self.rotation:03d}" if isinstance(self.rotation, int) else self.rotation
 
     def is_novel(self, light: str) -> bool:
         """Whether it is another light, which is not turned."""
@@ -161,4 +166,4 @@ class TensoirReader(ViewFolders):
 
     def own_light(self, where: str, metadata: dict[str, Any]) -> tuple[str, float]:
         """The training light's map; a turned one is not among the files."""
-        return (self.light if self.rotation == "000" else ""), 1.0
+        return (self.light if self.turn == "000" else ""), 1.0

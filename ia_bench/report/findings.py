@@ -245,9 +245,9 @@ def _mixed_rows(runs: Runs) -> list[str]:
         tables = []
         for scene, setup in zip(mine["scene"], mine["setup"], strict=True):
             deciding = {key: value for key, value in setup.identity.items() if key not in OF_EACH_RUN}
-            tables.append(flat({f"{scene}: reader": deciding.pop("reader", {})} | deciding))  # each scene may have one of its own
-        keys = dict.fromkeys(key for table in tables for key in table)
-        known = {key: [table for table in tables if key in table or ": " not in key] for key in keys}
+            tables.append((scene, flat({f"{scene}: reader": deciding.pop("reader", {})} | deciding)))  # scenes may differ in it
+        keys = dict.fromkeys(key for _, table in tables for key in table)
+        known = {key: [one for scene, one in tables if ": reader" not in key or key.startswith(f"{scene}: ")] for key in keys}
         values = {key: dict.fromkeys(repr(one[key]) if key in one else "nothing" for one in some) for key, some in known.items()}
         if words := [f"{key} ({', '.join(some)})" for key, some in values.items() if len(some) > 1]:
             found.append(f"{row}: its runs are not of one configuration, so that its means mix them: {_some(words)}")

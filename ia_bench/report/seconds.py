@@ -180,7 +180,8 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
     seconds where every run has them, else what the table states, else wall-clock seconds.
     """
     done = finished(runs)
-    done = done[~done["row"].str.split(", ").str[0].isin([*BOUNDS])]  # under any capture
+    labels = ["", *(capture_of(one).label for one in table.captures)]
+    done = done[~done["row"].isin([crossed_name(row, label) for row in BOUNDS for label in labels])]
     there = list(done["row"].unique())
     if "declared" in done:  # somebody's seconds, on a machine of theirs
         done = done[done["declared"].isna()]
@@ -190,8 +191,8 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
     spent = side_by_side(done, "cpu_seconds" if counted == CPU else "seconds")
     blind = frozenset(done["row"]) - set(done.loc[done["sees_truth"].eq(True), "row"])
     if table.captures:
-        labels = [capture_of(one).label for one in table.captures] if table.reference else []
-        known = [(label, crossed_name(str(table.reference), label), [row.name for row in table.rows]) for label in labels]
+        names = [row.name for row in table.rows]
+        known = [(label, crossed_name(table.reference, label), names) for label in labels[1:]] if table.reference else []
     else:
         known = [("", reference, there)] if reference else []
     clocks = []

@@ -34,8 +34,9 @@ def test_photographs_that_would_all_be_fitted_are_told(tmp_path: Path) -> None:
 
 def test_a_light_that_is_called_by_a_number_needs_no_quotes(tmp_path: Path) -> None:
     """reader.options.rotation=120, as the documents have it, is a number by the time that a reader is made."""
-    reader = create("reader", "tensoir", find("reader", "tensoir").target, {"rotation": 120}, tmp_path)
-    assert reader.photographs[0] == "rgba_sunset_120.png"
+    for rotation, name in ((120, "120"), (0, "000"), ("060", "060")):
+        reader = create("reader", "tensoir", find("reader", "tensoir").target, {"rotation": rotation}, tmp_path)
+        assert reader.photographs[0] == f"rgba_sunset_{name}.png"
 
 
 class Theirs(NeilfReader):

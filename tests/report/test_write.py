@@ -332,10 +332,18 @@ def test_a_row_whose_runs_differ_in_a_setting_is_named(write_run: Write) -> None
 
 
 def test_scenes_with_readers_of_their_own_are_of_one_configuration(write_run: Write) -> None:
-    readers = {("hat", 0): "native", ("mug", 0): "colmap", ("mug", 1): "llff"}
-    folders = [put_setup(write_run("ours", *cell), {"reader": {"name": name}}) for cell, name in readers.items()]
-    assert not analyse(collect(folders[:2])).notes
-    assert "means mix them: mug: reader.name ('colmap', 'llff')" in analyse(collect(folders)).notes[0], "two readings of one scene"
+    def notes(*readings: tuple[str, dict[str, int]]) -> str:
+        """What is said of ``hat``, read natively, beside a run of ``mug`` for each of the readings."""
+        cells = [("hat", 0, ("native", {})), *(("mug", seed, reading) for seed, reading in enumerate(readings))]
+        folders = [
+            put_setup(write_run("ours", scene, seed), {"reader": {"name": name, "options": options}})
+            for scene, seed, (name, options) in cells
+        ]
+        return "".join(analyse(collect(folders)).notes)
+
+    assert not notes(("colmap", {}))
+    assert "means mix them: mug: reader.name ('colmap', 'llff')" in notes(("colmap", {}), ("llff", {}))
+    assert "mug: reader.options.every (nothing, 4)" in notes(("colmap", {}), ("colmap", {"every": 4}))
 
 
 def test_the_shipped_figures_equal_the_source() -> None:

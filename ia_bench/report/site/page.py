@@ -187,7 +187,7 @@ def _numbers(one: Line, block: Block, findings: Findings) -> list[Number]:
                 text,
                 None if value is None else data.short(value.mean),
                 width,
-                share=_share(value, *(ends.get(name, {}).get(metric.key) for name in ("floor", "ceiling"))),
+                share=_share(block.scenes, value, *(ends.get(name, {}).get(metric.key) for name in ("floor", "ceiling"))),
                 best=block.is_best(one.row, metric),
                 why="; ".join(one.reasons[metric.key]),
                 headline=data.is_headline(metric),
@@ -204,10 +204,11 @@ def _numbers(one: Line, block: Block, findings: Findings) -> list[Number]:
     ]
 
 
-def _share(value: Estimate | None, floor: Estimate | None, ceiling: Estimate | None) -> float | None:
+def _share(scenes: int, value: Estimate | None, floor: Estimate | None, ceiling: Estimate | None) -> float | None:
+    """Where a mean lies between floor and ceiling, in percent; None where one is missing, or is over other scenes."""
     if value is None or floor is None or ceiling is None or floor.mean == ceiling.mean:
         return None
-    if len({value.scenes, floor.scenes, ceiling.scenes}) > 1:  # of other scenes, which may be harder
+    if {value.scenes, floor.scenes, ceiling.scenes} != {scenes}:
         return None
     return round(100 * min(max((value.mean - floor.mean) / (ceiling.mean - floor.mean), 0.0), 1.0), 1)
 
