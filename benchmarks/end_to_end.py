@@ -21,7 +21,8 @@ from pathlib import Path
 from benchmarks.stage import run_as_a_run
 from benchmarks.work_precision.precision import first_time, without_compilation
 from ia_bench.common.machine import environment
-from ia_bench.methods.contract import Method, Monitor, Problem
+from ia_bench.methods.contract import Method, Monitor, NoCoupling, Problem
+from ia_bench.methods.couplings.targets import Targets
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import NoPrior, Prior
@@ -107,7 +108,13 @@ def main() -> None:
     prior: Prior = OraclePrior(components=["albedo"]) if arguments.prior == "oracle" else NoPrior()
     scene = NativeReader(resolve_scene_folder(SceneConfig(arguments.scene))).read(truth=True)
     render = RenderSettings(bounces=0, coat="added")
-    problem = Problem(scene.blind(), render, make_prior=lambda problem: tell_truth(prior, scene, problem), note=lambda _: None)
+    problem = Problem(
+        scene.blind(),
+        render,
+        make_prior=lambda problem: tell_truth(prior, scene, problem),
+        make_coupling=lambda info: Targets() if info.provides else NoCoupling(),
+        note=lambda _: None,
+    )
     scorer = Scorer(scene, Protocol(), problem.device)
     plain = {steps: MitsubaAdam(MitsubaAdamOptions(steps=steps)) for steps in arguments.mitsuba_steps}
     curves = {
