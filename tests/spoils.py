@@ -94,3 +94,13 @@ def places(content: Any, place: tuple[str | int, ...] = ()) -> Iterator[tuple[st
     for key, value in inside:
         yield (*place, key)
         yield from places(value, (*place, key))
+
+
+def word(name: str, old: str, new: str) -> Spoil:
+    """A text with ``new`` in the place of ``old``."""
+    return lambda folder: (folder / name).write_text((folder / name).read_text().replace(old, new))
+
+
+def array(name: str, values: np.ndarray) -> Spoil:
+    """Other numbers in a file .npy."""
+    return lambda folder: np.save(folder / name, values)

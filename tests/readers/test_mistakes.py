@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from layouts import LAYOUTS, Layout
-from spoils import Spoil, edited, gone, picture, wrote
+from spoils import Spoil, array, edited, gone, picture, word, wrote
 from test_round_trips import read
 
 from ia_bench.common.errors import InputError
@@ -24,10 +24,6 @@ from ia_bench.scenes.exr import read_exr
 Array = np.ndarray
 Mistakes = dict[str, tuple[Spoil, str]]
 """By name: what is done to a folder, and what has to be said of it (a regular expression)."""
-
-
-def word(name: str, old: str, new: str) -> Spoil:
-    return lambda folder: (folder / name).write_text((folder / name).read_text().replace(old, new))
 
 
 def matrix(name: str, change: Callable[[Array], Array], *, every: bool = False) -> Spoil:
@@ -54,10 +50,6 @@ def in_all(pattern: str, spoil: Callable[[str], Spoil]) -> Spoil:
 
 def without_zeros(name: str, begin: str = "") -> Spoil:
     return lambda folder: [path.rename(path.with_name(f"{begin}{int(path.stem)}.png")) for path in [*(folder / name).iterdir()]]
-
-
-def array(name: str, values: Array) -> Spoil:
-    return lambda folder: np.save(folder / name, values)
 
 
 def arrays(change: Callable[[dict[str, Array]], object]) -> Spoil:

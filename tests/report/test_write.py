@@ -7,11 +7,11 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from scored_runs import lines_of, put_setup, scored
+from scored_runs import lines_of, scored
 from spoils import edited
 
 from ia_bench.common.errors import InputError
-from ia_bench.report.collect import NOT_SCORED, Collection, as_table, collect
+from ia_bench.report.collect import NOT_SCORED, Collection, as_table
 from ia_bench.report.findings import analyse
 from ia_bench.report.table import Printed, left_out, paper_rows, paper_table, parts, results_table
 from ia_bench.report.write import Report, pipe_table, tex, write_report
@@ -316,34 +316,6 @@ def test_a_report_says_that_no_load_was_recorded(tmp_path: Path) -> None:
         write_report([], tmp_path, Table(), [scored("none", "hat", 0, 20.0, **alike, load=load)])
         lines = (tmp_path / "report.md").read_text().splitlines()
         assert [line for line in lines if "rank nothing" in line] == told
-
-
-def test_a_row_whose_runs_differ_in_a_setting_is_named(write_run: Write) -> None:
-    steps = {0: {"stage1_steps": 12}, 1: {"stage1_steps": 60, "pixels": 9}}
-    folders = [
-        put_setup(write_run(row, "hat", seed), {"seed": seed, "method": {"options": steps[seed if row == "mixed" else 0]}})
-        for row in ("mixed", "one")
-        for seed in (0, 1)
-    ]
-    assert list(analyse(collect(folders)).notes) == [
-        "mixed: its runs are not of one configuration, so that its means mix them: method.options.stage1_steps (12, 60), "
-        "method.options.pixels (nothing, 9)"
-    ]
-
-
-def test_scenes_with_readers_of_their_own_are_of_one_configuration(write_run: Write) -> None:
-    def notes(*readings: tuple[str, dict[str, int]]) -> str:
-        """What is said of ``hat``, read natively, beside a run of ``mug`` for each of the readings."""
-        cells = [("hat", 0, ("native", {})), *(("mug", seed, reading) for seed, reading in enumerate(readings))]
-        folders = [
-            put_setup(write_run("ours", scene, seed), {"reader": {"name": name, "options": options}})
-            for scene, seed, (name, options) in cells
-        ]
-        return "".join(analyse(collect(folders)).notes)
-
-    assert not notes(("colmap", {}))
-    assert "means mix them: mug: reader.name ('colmap', 'llff')" in notes(("colmap", {}), ("llff", {}))
-    assert "mug: reader.options.every (nothing, 4)" in notes(("colmap", {}), ("colmap", {"every": 4}))
 
 
 def test_the_shipped_figures_equal_the_source() -> None:
