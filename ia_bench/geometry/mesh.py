@@ -30,7 +30,7 @@ from ia_bench.scenes.scene import Mesh
 if TYPE_CHECKING:
     import trimesh
 
-READ = "3"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
+READ = "4"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
 FAR = 1e4  # sizes of an object from the origin: single precision, in which rays are traced, shifts its points by .0006 of it there
 BORDER = 1 / 256  # of the whole square, around what each material has: look-ups between texels reach beyond it
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
@@ -208,14 +208,22 @@ def _normals(vertices: np.ndarray, faces: np.ndarray, stored: np.ndarray | None,
         notes.append(f"{path.name}: stored normals are zero or not finite in places; smooth normals computed instead")
     else:
         notes.append(f"{path.name}: no normals stored; smooth normals computed")
+    return smooth_normals(vertices, faces)
+
+
+def smooth_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Unit normals (V, 3): means of the triangles' around a place, weighted by corner angle, for all vertices that lie there.
+
+    Where these cancel each other, as on both sides of a leaf, a vertex has that of a triangle of its own.
+    """
     import trimesh
 
-    # Vertices split at UV seams must share one normal, so the averaging is over positions, weighted by corner angle.
     places, shared = np.unique(vertices, axis=0, return_inverse=True)
-    normals = np.asarray(trimesh.Trimesh(places, shared[faces], process=False).vertex_normals)[shared]
+    unit = 2.0 ** -np.round(np.log2(np.ptp(vertices[faces], axis=(0, 1)).max()))  # trimesh takes small triangles for none
+    normals = np.asarray(trimesh.Trimesh(unit * places, shared[faces], process=False).vertex_normals)[shared]
     flat = np.linalg.norm(normals, axis=1) < 1e-6
-    if (flat & np.isin(np.arange(len(vertices)), faces)).any():
-        face_normals = np.cross(*(vertices[faces[:, i]] - vertices[faces[:, 0]] for i in (1, 2)))
+    if flat[faces].any():
+        face_normals = np.cross(*(unit * (vertices[faces[:, i]] - vertices[faces[:, 0]]) for i in (1, 2)))
         normals = normals.copy()
         for corner in range(3):
             where = flat[faces[:, corner]]

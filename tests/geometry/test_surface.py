@@ -8,7 +8,7 @@ import xatlas
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.grid import DistanceGrid, mesh_of, smoothed
-from ia_bench.geometry.mesh import unwrap
+from ia_bench.geometry.mesh import smooth_normals, unwrap
 from ia_bench.scenes.scene import Mesh
 from tests.shapes import sphere
 
@@ -66,6 +66,28 @@ def test_seams_stay_closed_and_texture_coordinates_stay() -> None:
     for place in range(before.max() + 1):
         assert np.ptp(after.vertices[before.reshape(-1) == place], axis=0).max() == 0
     np.testing.assert_allclose(np.linalg.norm(after.normals, axis=1), 1, atol=1e-5)
+
+
+# ---------------------------------------------------------------- normals of a mesh that stores none
+def test_both_sides_of_a_leaf_keep_their_normals() -> None:
+    """Triangles on both sides of a plane, whose corners lie in the same places and whose normals have a mean of nothing."""
+    rows, columns = np.indices((5, 5))
+    places = np.stack([rows, columns, 0 * rows], -1).reshape(-1, 3) / 4
+    first = (rows * 5 + columns)[:-1, :-1].reshape(-1)
+    above = np.concatenate([np.stack([first, first + 5, first + 6], 1), np.stack([first, first + 6, first + 1], 1)])
+    vertices, faces = np.concatenate([places, places]), np.concatenate([above, above[:, ::-1] + 25])
+    expected = np.repeat([[0.0, 0, 1], [0, 0, -1]], 25, axis=0)
+    np.testing.assert_allclose(smooth_normals(vertices, faces), expected, atol=1e-12)
+    leaf = Mesh(vertices.astype(np.float32), faces, expected.astype(np.float32), np.zeros((50, 2), np.float32))
+    np.testing.assert_allclose(smoothed(leaf, 0.1).normals, expected, atol=1e-6)
+
+
+def test_normals_of_a_tiny_ball_point_away_from_its_middle() -> None:
+    """Whatever lies far away and belongs to no triangle."""
+    solid = ball(1e-7)
+    outward = solid.vertices / np.linalg.norm(solid.vertices, axis=1, keepdims=True)
+    found = smooth_normals(np.concatenate([solid.vertices, [[1.0, 0, 0]]]), solid.faces)[:-1]
+    assert (found * outward).sum(1).min() > np.cos(np.radians(0.5))
 
 
 # ---------------------------------------------------------------- texture coordinates by xatlas
