@@ -1,12 +1,14 @@
 """Functions of the renderer's Warp kernels, called with tensors, so that they can be tested one by one."""
 
+import math
+
 import torch
 import warp as wp
 
 from ia_bench.common.native import MATH, WIDTH, native
 from ia_bench.common.warp_launch import launch
 from ia_bench.common.warp_math import unit
-from ia_bench.light.latlong import LatLongSampler, sampling_grid
+from ia_bench.light.latlong import LatLongSampler
 from ia_bench.light.warp_latlong import DIRECTIONS, SAMPLING, Tables, tables_of
 from ia_bench.material.textures import fetch
 from ia_bench.material.warp_brdf import BRDF
@@ -68,7 +70,7 @@ def _map_of(height: int, width: int) -> Tables:
     """What kernels know of a map by its size alone."""
     tables = Tables()
     tables.height, tables.width = height, width
-    tables.heights = wp.from_torch(sampling_grid(height, width, CPU).heights)
+    tables.heights = wp.from_torch(torch.cos(torch.arange(height + 1, dtype=torch.float64) * (math.pi / height)).float())
     return tables
 
 

@@ -42,6 +42,16 @@ def test_every_point_of_a_texel_comes_back_to_it(height: int, width: int, by: st
 
 
 @pytest.mark.parametrize("by", BY)
+def test_the_last_column_of_a_large_map_lies_in_its_row(by: str) -> None:
+    """Of which float32 cannot number the texels; z is uniform over the height of a row."""
+    height, width = 4096, 8192
+    edges, half = torch.cos(torch.linspace(0, math.pi, height + 1, dtype=torch.float64)), torch.full((height,), 0.5)
+    direction = BY[by].texel_to_direction(torch.arange(1, height + 1) * width - 1, half, half, height, width)
+    torch.testing.assert_close(direction[:, 2].double(), (edges[1:] + edges[:-1]) / 2, rtol=0, atol=1e-6)
+    torch.testing.assert_close(direction.norm(dim=-1), torch.ones(height))
+
+
+@pytest.mark.parametrize("by", BY)
 @pytest.mark.parametrize(
     ("direction", "row", "column"),
     [
