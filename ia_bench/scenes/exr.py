@@ -54,6 +54,8 @@ def read_exr(path: Path, channels: int | None, *, grey: bool = False) -> np.ndar
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(f"{path}: expected channels {', '.join(names)}, found {', '.join(sorted(found))}")
+    if any(found[name].dtype == object for name in names):
+        raise InputError(f"{path}: expected one value in a pixel, found several (a deep image); flatten it")
     image = np.stack([found[name] for name in names], axis=-1).astype(np.float32)
     if not np.array_equal(stored, window):
         image = _in_window(image, stored, window)
@@ -135,7 +137,7 @@ def write_exr(path: Path, image: np.ndarray, *, half: bool = True) -> None:
 # A pixel (r, g, b, e) is (r, g, b) 2^(e - 136), black where e is 0 (Ward, "Real Pixels", Graphics Gems II, 1991; file layout:
 # Radiance's reference manual, "filefmts"). Rows run from top to bottom, which is what all programs write.
 SHORTEST, LONGEST = 8, 32767  # pixels of a row that may be run-length encoded
-SIZE = re.compile(rb"-Y (\d{1,9}) \+X (\d{1,9})\n")
+SIZE = re.compile(rb"-Y ([1-9]\d{0,8}) \+X ([1-9]\d{0,8})\n")
 
 
 def read_rgbe(path: Path) -> np.ndarray:

@@ -91,6 +91,7 @@ def test_encoded_rows_by_hand(tmp_path: Path) -> None:
     [
         (b"no picture", "expected a Radiance picture in 32-bit_rle_rgbe, which begins with #\\?"),
         (HEAD + b"+X 3 -Y 1\n", "and has a size as '-Y rows \\+X columns'"),
+        (HEAD + b"-Y 0 +X 0\n", "and has a size as '-Y rows \\+X columns'"),
         (HEAD.replace(b"rgbe", b"xyze") + b"-Y 1 +X 1\n\0\0\0\0", "in 32-bit_rle_rgbe"),
         (HEAD + b"-Y 2 +X 2\n" + bytes(8), "expected 2 rows of 2 pixels, found damaged or missing data"),
         (HEAD + b"-Y 1 +X 8\n" + bytes([2, 2, 0, 8, 137, 7]), "found damaged or missing data"),
@@ -164,3 +165,13 @@ def test_a_folder_or_garbage_is_no_image(tmp_path: Path) -> None:
     for name in ("folder.exr", "garbage.exr", "absent.exr"):
         with pytest.raises(InputError, match=name):
             read_exr(tmp_path / name, 3)
+
+
+def test_a_deep_image_is_refused(tmp_path: Path) -> None:
+    pixels = np.empty((2, 3), object)
+    for place in np.ndindex(2, 3):
+        pixels[place] = np.arange(1 + place[1], dtype=np.float32)
+    header = {"compression": OpenEXR.ZIPS_COMPRESSION, "type": OpenEXR.deepscanline}
+    OpenEXR.File(header, {name: pixels.copy() for name in "RGB"}).write(str(tmp_path / "deep.exr"))
+    with pytest.raises(InputError, match=r"deep\.exr: expected one value in a pixel, found several"):
+        read_exr(tmp_path / "deep.exr", 3)
