@@ -18,7 +18,7 @@ from ia_bench.render.rays import RayCaster, make_rays
 from ia_bench.scenes.scene import CONVENTIONS, FROM_Y_UP, Scene, View
 
 VIEWS = 8
-SIDE = 64  # pixels of the larger side, at most: larger images are looked at in blocks
+SIDE = 64  # pixels of the larger side, at most where the smaller one has any left: larger images are looked at in blocks
 GOOD, LEAST = 0.9, 0.3
 MISTAKES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     **{f"transform_matrix taken as {what}": mended for what, mended in CONVENTIONS.items()},
@@ -44,7 +44,8 @@ def check_agreement(
     The cause is the one of ``mistakes`` without which it would cover them best, or else the ``usual`` one.
     """
     some = scene.train[:: max(1, len(scene.train) // VIEWS)][:VIEWS]
-    views = [view.scaled(-(-max(view.camera.width, view.camera.height) // SIDE)) for view in some]
+    sizes = [(view.camera.width, view.camera.height) for view in some]
+    views = [view.scaled(min(-(-max(size) // SIDE), *size)) for view, size in zip(some, sizes, strict=True)]
     rays = make_rays(scene.expect_mesh(), torch.device("cpu"))  # not those of a run, which counts its rays
     found = _agreement(rays, views)
     said = f"intersection over union {found:.2f} over {len(views)} training views"

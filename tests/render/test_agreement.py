@@ -9,7 +9,7 @@ from ia_bench.capture.capture import captured
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.render.agreement import GOOD, MISTAKES, check_agreement
-from ia_bench.scenes.scene import Scene
+from ia_bench.scenes.scene import Scene, View
 
 
 def with_cameras(scene: Scene, matrices: list[np.ndarray]) -> Scene:
@@ -28,6 +28,19 @@ def test_pixels_of_which_nothing_is_known_do_not_count(tiny: Scene) -> None:
     settings = CaptureSettings(margin=2)
     hidden = captured(tiny, settings, lambda line: None)
     assert check_agreement(hidden, lambda line: None) > 0.97
+
+
+def test_photographs_may_be_strips(tiny: Scene) -> None:
+    """Two rows of pixels through the middle of the object, and a hundred times as much beside it, of which nothing is known."""
+    row = tiny.train[0].mask.shape[0] // 2
+
+    def strip(view: View) -> View:
+        middle = row - 1, row + 1
+        cut = {name: getattr(view, name)[slice(*middle)] for name in ("image", "mask")}
+        camera = replace(view.camera, centre=(view.camera.centre[0], view.camera.centre[1] - middle[0]), height=2)
+        return View(view.name, camera, **cut).padded(2, 100 * view.camera.width)
+
+    assert check_agreement(replace(tiny, train=tuple(map(strip, tiny.train))), lambda line: None) > 0.9
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
