@@ -101,9 +101,10 @@ def expect_plain_gltf(path: Path, header: Mapping[str, Any], *, uv: bool = True)
 
 
 def named_by_gltf(path: Path, *kinds: str) -> list[Path]:
-    """The files beside a .gltf that it names as "buffers" or "images"; none of another file, or of one that cannot be read."""
+    """The files beside a glTF that it names as "buffers" or "images"; none of another file, or of one that cannot be read."""
     try:
-        listed = [one for kind in kinds for one in read_json(path).get(kind, [])] if path.suffix.lower() == ".gltf" else []
+        header = gltf_header(path)[0] if path.suffix.lower() in (".gltf", ".glb") else {}
+        listed = [one for kind in kinds for one in header.get(kind, [])]
         uris = [str(one.get("uri", "data:")) for one in listed]
         return [file for uri in uris if not uri.startswith("data:") and (file := path.parent / unquote(uri)).is_file()]
     except (InputError, OSError, TypeError, AttributeError, ValueError):  # told when it is read

@@ -68,6 +68,7 @@ def read_asset(
         InputError: The file, one that it names, or what it asks for cannot be read as one mesh with textures.
     """
     parts, surfaces = read_parts(path, note)
+    parts = [part for part in parts if len(part.faces)]
     if not parts:
         raise InputError(f"{path}: expected triangles, found none")
     surfaces = {name: _reduced(surfaces[name], texture_size) for name in dict.fromkeys(part.material for part in parts)}
@@ -79,7 +80,7 @@ def read_asset(
     parts = [_with_uv(path, part, surfaces) for part in parts]
     shares = Counter(part.material for part in parts)
     for place, part in enumerate(parts):
-        name, side = f"{part.material} {place}", texture_size or BAKED
+        name, side = f"{part.material}, part {place}", texture_size or BAKED
         if shares[part.material] > 1 and all(image.shape[:2] == (1, 1) for image in surfaces[part.material].maps.values()):
             parts[place], surfaces[name] = replace(part, material=name), surfaces[part.material]  # or coordinates would overlap
         if part.colours is not None:
@@ -115,10 +116,10 @@ def moved(asset: Assets, matrix: np.ndarray) -> Assets:
 
 
 def _with_uv(path: Path, part: Part, surfaces: Mapping[str, Surface]) -> Part:
-    """The part with texture coordinates in [0, 1]: its own, or new ones where one value is all that its maps hold."""
+    """The part with texture coordinates in [0, 1]: its own, or new ones where these are none and its maps hold one value each."""
     large = [name for name, image in surfaces[part.material].maps.items() if image.shape[:2] != (1, 1)]
     found = "none"
-    if part.uv is not None:
+    if part.uv is not None and (large or np.ptp(part.uv, axis=0).all()):  # or all on one line, as exporters fill them in
         uv = np.asarray(part.uv, np.float64)
         uv = uv - np.floor(uv.min(0) + OUTSIDE)  # textures repeat: a whole texture further is the same place
         if np.isfinite(uv).all() and uv.max() <= 1 + OUTSIDE:
@@ -170,7 +171,7 @@ def _as_one(
     assumed = frozenset({"roughness"} if any(surface.roughness is None for surface in surfaces.values()) else ())
     if assumed:
         names = ", ".join(name for name, surface in surfaces.items() if surface.roughness is None)
-        note(f"{path.name}: roughness of {names or 'its material'} is unknown; renders take {ROUGHNESS}, and it is not scored")
+        note(f"{path.name}: roughness of {names} is unknown; renders take {ROUGHNESS}, and it is not scored")
     metal = any(surface.metallic is not None and bool(surface.metallic.any()) for surface in surfaces.values())
     surfaces = surfaces if metal else {name: replace(surface, metallic=None) for name, surface in surfaces.items()}
     absent = {"roughness": ROUGHNESS, **({"metallic": 0.0} if metal else {})}
@@ -181,10 +182,6 @@ def _as_one(
     sizes = [image.shape[:2] for surface in full.values() for image in surface.maps.values()]
     if len(full) == 1 and all(height == width for height, width in sizes):
         (surface,) = full.values()
-        if surface.metallic is not None:  # a glTF has both in one picture
-            side = max(len(surface.maps["roughness"]), len(surface.metallic))
-            both = {what: _enlarged(surface.maps[what], side, side) for what in ("roughness", "metallic")}
-            surface = replace(surface, **both)
         return list(parts), surface, assumed
     size_of = {name: tuple(np.max([image.shape[:2] for image in surface.maps.values()], 0)) for name, surface in full.items()}
     least = max(1, int(np.max(list(size_of.values()))) // PART)  # of one value: reflected light is solved in the same coordinates
@@ -285,16 +282,17 @@ def _about_z(degrees: float) -> np.ndarray:
 def glb(mesh: Mesh, albedo: np.ndarray, roughness: np.ndarray, metallic: np.ndarray | None = None) -> bytes:
     """A glTF 2.0 binary: metallic-roughness material, sRGB base colour, roughness in green, metallic in blue; y-up axes.
 
-    ``albedo`` (T, T, 3); ``roughness`` and ``metallic`` (T', T'), None for a dielectric.
+    ``albedo`` (T, T, 3); ``roughness`` (T', T') and ``metallic`` (T'', T''), None for a dielectric.
     """
     import trimesh  # most of a second, at the end of a run
     from trimesh.visual.material import PBRMaterial
 
     base_colour = np.round(255 * linear_to_srgb(albedo.clip(0, 1))).astype(np.uint8)
-    packed = np.zeros((*roughness.shape, 3), np.uint8)
-    packed[..., 1] = np.round(255 * roughness.clip(0, 1))
+    side = max(len(roughness), 0 if metallic is None else len(metallic))
+    packed = np.zeros((side, side, 3), np.uint8)
+    packed[..., 1] = np.round(255 * _enlarged(roughness, side, side).clip(0, 1))
     if metallic is not None:
-        packed[..., 2] = np.round(255 * metallic.clip(0, 1))
+        packed[..., 2] = np.round(255 * _enlarged(metallic, side, side).clip(0, 1))
     material = PBRMaterial(
         name="recovered",
         baseColorTexture=Image.fromarray(base_colour),

@@ -129,17 +129,18 @@ def _gltf(path: Path, note: Note) -> Parts:
         note(f"{path.name}: {', '.join(sorted(used))} left out: materials here have base colour, roughness and metallic")
     for mesh, matrix, normals in placed_parts(parsed_by_trimesh(path, text)):
         material = getattr(mesh.visual, "material", None)
-        name = str(getattr(material, "name", len(materials) - 1))
+        number = int(getattr(material, "name", len(materials) - 1))
+        plain, said = f"material {number}", shown(materials[number]["_name"])
+        name = (said if said in ("", plain) else f"{plain} ({said})") or "what has no material"
         if name not in surfaces:
             pictures = getattr(material, "baseColorTexture", None), getattr(material, "metallicRoughnessTexture", None)
-            surfaces[name] = _gltf_surface(path, header, int(name), *pictures)
+            surfaces[name] = _gltf_surface(path, header, number, *pictures)
         uv, colours = getattr(mesh.visual, "uv", None), getattr(mesh.visual, "vertex_attributes", {}).get("color")
         if colours is not None:  # linear, as glTF has them, whatever their type
             colours = np.asarray(colours, np.float32)[:, :3] / (np.iinfo(colours.dtype).max if colours.dtype.kind == "u" else 1)
             colours = None if (colours == 1).all() else colours  # white changes nothing
-        if uv is not None and np.floor(uv.min(0) + OUTSIDE).any() and not _repeats(header, int(name)):
-            where = f"{path}: material {shown(materials[int(name)]['_name'])}"
-            raise InputError(f"{where}: expected textures that repeat, or coordinates within 0 ... 1, found neither")
+        if uv is not None and np.floor(uv.min(0) + OUTSIDE).any() and not _repeats(header, number):
+            raise InputError(f"{path}: {name}: expected textures that repeat, or coordinates within 0 ... 1, found neither")
         vertices = np.asarray(mesh.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
         parts.append(Part(vertices, wound(mesh.faces, matrix), normals, uv, name, colours))
     return parts, surfaces

@@ -30,8 +30,8 @@ class Assets:
     Attributes:
         mesh: The triangles, with the texture coordinates that the textures belong to.
         albedo: (T, T, 3) in [0, 1].
-        roughness: (T, T) in [0, 1], perceptual.
-        metallic: (T, T), None for a dielectric.
+        roughness: (T', T') in [0, 1], perceptual.
+        metallic: (T'', T''), None for a dielectric.
         light: (H, W, 3) lat-long radiance, None where no light was recovered.
         assumed: Names of textures that nobody has recovered: they are there for the sake of renders alone, and are not scored.
     """
@@ -152,7 +152,7 @@ class TexturedReconstruction:
         """What assets hold, on a stage of their mesh; ``turning``: how their light does."""
 
         def texture(image: np.ndarray) -> Tensor:
-            return torch.from_numpy(np.atleast_3d(image)).float().to(stage.device)
+            return torch.tensor(np.atleast_3d(image)).float().to(stage.device)  # a copy: some images cannot be written to
 
         metallic = None if assets.metallic is None else texture(assets.metallic)
         light = None if assets.light is None else texture(assets.light)

@@ -259,3 +259,40 @@ def test_a_large_texture_is_reduced(tmp_path: Path) -> None:
     path = gltf(tmp_path / "a.glb", lambda header: None, baseColorTexture=Image.fromarray(values))
     mean = srgb_to_linear(values / 255).reshape(4, 2, 4, 2, 3).mean((1, 3))
     np.testing.assert_allclose(read(path, texture_size=4)[0].albedo, mean, atol=1e-5)
+
+
+def test_coordinates_that_are_all_alike_are_made_anew_where_no_texture_has_them(tmp_path: Path) -> None:
+    """As exporters fill them in for plain colours; light that the object throws onto itself needs some."""
+    asset, notes = read(gltf(tmp_path / "a.glb", lambda header: None, 0 * UV, baseColorFactor=[255, 0, 0, 255], metallicFactor=0.0))
+    assert notes == ["a.glb: no normals stored; smooth normals computed"]
+    assert np.ptp(asset.mesh.uv, axis=0).min() > 0.3
+    np.testing.assert_allclose(asset.albedo, [[[1, 0, 0]]])
+
+
+def test_textures_of_two_sizes_are_written_into_one_picture(tmp_path: Path) -> None:
+    metallic = (picture(0)[..., 0] / 255).astype(np.float32)
+    content = glb(square(), np.ones((4, 4, 3), np.float32), np.full((2, 2), 0.4, np.float32), metallic)
+    (tmp_path / "a.glb").write_bytes(content)
+    asset, _ = read(tmp_path / "a.glb")
+    np.testing.assert_allclose(asset.metallic, metallic, atol=HALF)
+    np.testing.assert_allclose(asset.roughness, 0.4, atol=HALF)
+
+
+def test_a_picture_beside_a_binary_file_is_one_of_its_files(tmp_path: Path) -> None:
+    Image.fromarray(picture(0)).save(tmp_path / "beside.png")
+
+    def beside(header: dict[str, Any]) -> None:
+        header["images"][0] = {"uri": "beside.png"}
+
+    path = gltf(tmp_path / "a.glb", beside, baseColorTexture=Image.fromarray(picture(1)))
+    np.testing.assert_allclose(read(path)[0].albedo, srgb_to_linear(picture(0) / 255), atol=1e-5)
+    assert asset_files(path) == [path, tmp_path / "beside.png"]
+
+
+def test_what_draws_an_asset_has_textures_of_its_own(tmp_path: Path) -> None:
+    """One number for all texels may be an array that cannot be written to."""
+    asset, _ = read(obj(tmp_path, "newmtl one\nKd .5 .5 .5\nmap_Pr pr.png\nPm 1", pr=picture(0)))
+    asset.albedo.flags.writeable = False
+    found = TexturedReconstruction.of(asset, Stage(asset.mesh, torch.device("cpu")))
+    found.material.albedo.zero_()
+    np.testing.assert_array_equal(asset.albedo, 0.5)

@@ -36,7 +36,12 @@ def mirrored(header: dict[str, Any]) -> None:
     header["samplers"], header["textures"][0]["sampler"] = [{"wrapS": 33648}], 0
 
 
+def without_triangles(header: dict[str, Any]) -> None:
+    header["accessors"][header["meshes"][0]["primitives"][0]["indices"]]["count"] = 0
+
+
 BASE = ("materials", 0, "pbrMetallicRoughness", "baseColorTexture")
+FACTOR_OF_2 = {"pbrMetallicRoughness": {"roughnessFactor": 2}}
 GLTF_MISTAKES = {
     "second texture coordinates": (set_in(*BASE, "texCoord", value=1), "baseColorTexture: expected the first texture coordinates"),
     "moved texture": (set_in(*BASE, "extensions", value={"KHR_texture_transform": {}}), "or a transform of them"),
@@ -52,8 +57,10 @@ GLTF_MISTAKES = {
     "mirrored beyond its edge": (mirrored, "expected textures that repeat"),
     "out of range": (
         set_in("materials", 0, "pbrMetallicRoughness", "roughnessFactor", value=2),
-        "expected roughness from 0 to 1, found 2 to 2",
+        "a.glb: material 0: expected roughness from 0 to 1, found 2 to 2",
     ),
+    "a name": (set_in("materials", 0, value={"name": "steel", **FACTOR_OF_2}), "material 0 (steel): expected roughness"),
+    "no triangles": (without_triangles, "expected triangles, found none"),
 }
 
 
