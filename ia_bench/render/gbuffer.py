@@ -267,10 +267,11 @@ def sees(cameras: list[Camera], positions: Tensor, normals: Tensor, rays: RayCas
     found = torch.zeros(len(positions), len(cameras), dtype=torch.bool, device=positions.device)
     for index, camera in enumerate(cameras):
         toward = positions.new_tensor(camera.position) - positions
-        directions = toward / toward.norm(dim=-1, keepdim=True)
+        far = toward.norm(dim=-1, keepdim=True)
+        directions = toward / far
         column, row, depth = camera.project(positions)
         framed = (depth > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
         candidates = torch.nonzero(framed & ((normals * directions).sum(-1) >= GRAZING))[:, 0]
         starts = positions[candidates] + offset * normals[candidates]
-        found[candidates, index] = ~rays.occluded(starts, directions[candidates])
+        found[candidates, index] = rays.intersect(starts, directions[candidates])[2] >= far[candidates, 0]
     return found

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from shapes import camera_at, mesh_of, plate, soup, sphere
+from shapes import camera_at, mesh_of, plate, soup, sphere, together
 from stage import CPU
 
 from benchmarks import reference
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, pixels_in_reach, primary_rays, trace_gbuffer
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, pixels_in_reach, primary_rays, sees, trace_gbuffer
 from ia_bench.render.rays import make_rays
 from ia_bench.scenes.scene import Scene
 
@@ -177,3 +177,12 @@ def test_entries_are_found_in_views_and_images_as_by_a_loop(scattered: tuple[GBu
             expected[place] = value
         assert gbuffer.images(values).dtype == dtype
         np.testing.assert_array_equal(gbuffer.images(values).numpy(), expected)
+
+
+def test_a_camera_sees_what_nothing_between_hides() -> None:
+    """Of a floor under a lid: one between both, one above the lid, one that looks along the floor, one too near for its frame."""
+    rays = make_rays(together(plate(1.0), plate(1.0, height=2.0)), CPU)
+    cameras = [camera_at((0.0, 0.0, height)) for height in (1.0, 3.0)] + [camera_at((9.0, 0.0, 1.0)), camera_at((0.0, 0.0, 0.1))]
+    positions, normals = torch.tensor([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0]]), torch.tensor([[0.0, 0.0, 1.0]]).expand(2, 3)
+    found = sees(cameras, positions, normals, rays, 1e-4)
+    assert found.tolist() == [[True, False, False, True], [True, False, False, False]]
