@@ -1,6 +1,7 @@
 """A scene is rendered in a folder beside its place and moved there when it is complete, so no folder is ever a mixture."""
 
 import json
+import os
 import shutil
 from dataclasses import asdict
 from pathlib import Path
@@ -25,9 +26,10 @@ def begin(out: Path, recipe: Recipe) -> Path:
     """
     folder, job = staging_folder(out), json.loads(json.dumps(asdict(recipe)))
     folder.mkdir(parents=True, exist_ok=True)
+    written = folder / f".{JOB}.{os.getpid()}"
+    written.write_text(json.dumps(job))
     try:
-        with (folder / JOB).open("x") as file:
-            json.dump(job, file)
+        os.link(written, folder / JOB)  # whole, or not at all: another run may look at it meanwhile
     except FileExistsError:
         found: dict[str, Any] = json.loads((folder / JOB).read_text())
         if found != job:
@@ -35,6 +37,8 @@ def begin(out: Path, recipe: Recipe) -> Path:
             raise ValueError(
                 f"{folder}: holds an unfinished render with {different}; finish it by its own command, or remove the folder"
             ) from None
+    finally:
+        written.unlink()
     return folder
 
 

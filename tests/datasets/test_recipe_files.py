@@ -1,8 +1,10 @@
 """What the recipes write: rounded numbers, image files, scene folders, and the mesh."""
 
+import errno
 import json
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -119,6 +121,21 @@ def test_an_unfinished_render_of_something_else_is_refused(tmp_path: Path) -> No
     with pytest.raises(ValueError, match=r"unfinished render with texture_size 512, size 128|unfinished render with size 128"):
         staging.begin(tmp_path / "hat", recipe.RECIPES["hat"].at_size(512))
     staging.begin(tmp_path / "ship", recipe.RECIPES["hat"].at_size(512))  # another place is free
+    assert [path.name for path in staging.staging_folder(tmp_path / "hat").iterdir()] == [staging.JOB]
+
+
+def test_a_run_that_cannot_say_what_it_renders_leaves_the_place_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a full disk does it, or a run that is killed while another one begins: half a file would stop all runs that follow."""
+
+    def half(path: Path, text: str, write: Callable[[Path, str], int] = Path.write_text) -> None:
+        write(path, text[: len(text) // 2])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as full:
+        full.setattr(Path, "write_text", half)
+        with pytest.raises(OSError, match="No space"):
+            staging.begin(tmp_path / "hat", recipe.RECIPES["hat"])
+    staging.begin(tmp_path / "hat", recipe.RECIPES["hat"])
 
 
 def make_scenes(*settings: str) -> list[list[str]]:
