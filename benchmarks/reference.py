@@ -68,7 +68,7 @@ def fetch(texture: Tensor, uv: Tensor) -> Tensor:
 def specular_lobes(normal: Tensor, view: Tensor, incident: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:
     """Two parts of the specular BRDF times (n.i), which is the reflectance at normal incidence times the first plus the second.
 
-    (Schlick's approximation is linear in that reflectance.) Arguments as of :func:`specular_brdf_cosine`.
+    (Schlick's approximation is linear in that reflectance.) Arguments as of :func:`ia_bench.material.brdf.specular_brdf_cosine`.
     """
     value, cosine = microfacets(normal, view, incident, roughness)
     grazing = value * (1 - cosine) ** 5

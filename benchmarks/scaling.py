@@ -45,7 +45,7 @@ class StepClock:
         self.times: list[float] = []
 
     def advance(self, amount: int = 1, **values: float) -> None:
-        """See :class:`ia_bench.methods.contract.ProgressBar`."""
+        """See :class:`ia_bench.common.progress.ProgressBar`."""
         self.times.append(time.process_time())
 
 

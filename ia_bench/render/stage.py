@@ -35,7 +35,7 @@ class Stage:
 
     @cached_property
     def surface(self) -> SurfaceInterpolator:
-        """``stage.surface(face, barycentric, centre)`` gives :class:`SurfacePoints` of (N,), (N, 2) and (N, 3)."""
+        """``stage.surface(face, barycentric, centre)`` gives points of (N,), (N, 2), (N, 3); see :class:`SurfaceInterpolator`."""
         return SurfaceInterpolator(self.mesh, self.device)
 
     @cached_property
