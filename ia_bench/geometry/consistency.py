@@ -51,7 +51,8 @@ def consistent(views: Sequence[View], rounds: int, tolerated: int, begin: Begin 
         outlines = [outline(view, grid) for view in mended]
         common = np.median(np.concatenate([one.apart for one in outlines]))  # a hull that tolerates some views is larger
         unknowns += [_improvement(one, common, so_far) for one, so_far in zip(outlines, unknowns, strict=True)]
-        unknowns[:, 5:] -= unknowns[:, 5:].mean(0)  # that all cameras come nearer, or all masks grow, is the size of the hull
+        told = [len(one.apart) > 0 for one in outlines]  # the others show no outline, and stay as they are
+        unknowns[told, 5:] -= unknowns[told, 5:].mean(0)  # that all cameras come nearer, or all masks grow, is the size of the hull
         mended = tuple(_mended(*each) for each in zip(views, outlines, unknowns, strict=True))
         task.advance()
     return mended

@@ -48,6 +48,16 @@ def test_poses_come_back_where_outlines_tell_them(tiny: Scene) -> None:
     assert wrong_by(consistent(tiny.train, 3, 1), tiny.train, points) < 0.25
 
 
+def test_a_photograph_without_an_outline_stays_where_it_is() -> None:
+    """One that the object fills, and one that it has left; of the others one mask is too large."""
+    filled, left = (replace(VIEWS[n], mask=np.full_like(VIEWS[n].mask, covered)) for n, covered in ((0, 1.0), (1, 0.0)))
+    grown = replace(VIEWS[2], mask=grown_mask(VIEWS[2], 3.0))
+    mended = consistent([filled, left, grown, *VIEWS[3:]], 2, 2)
+    for before, after in zip((filled, left), mended, strict=False):
+        np.testing.assert_allclose(after.camera.to_world, before.camera.to_world, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(after.mask, before.mask)
+
+
 def test_one_motion_is_one_pixel_and_rays_find_the_shape() -> None:
     camera = VIEWS[0].camera
     points = np.concatenate([np.eye(3), -np.eye(3)]) * 0.7
