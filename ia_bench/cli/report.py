@@ -67,7 +67,7 @@ def _table_of(folders: Sequence[Path]) -> Table:
             rows = [row.name for row in table.rows if any(one.name in listed for one in replace(table, rows=[row]).crossed_rows)]
             if rows:
                 say(f"reported as table {called}; --table takes another", sys.stderr)
-                return replace(some_rows(table, ", ".join(rows)), scenes=[*dict.fromkeys(cell.scene for cell in cells)])
+                return replace(some_rows(table, rows), scenes=[*dict.fromkeys(cell.scene for cell in cells)])
     return Table()
 
 

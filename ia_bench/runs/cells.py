@@ -33,7 +33,7 @@ from ia_bench.runs.folder import find_run_folders, held_since, recorded_at
 from ia_bench.runs.identity import hash_of, identity
 from ia_bench.runs.launchers import Local
 from ia_bench.runs.record import METRICS_FILE, RunRecord
-from ia_bench.runs.table import Row, SceneEntry, Table, key_of, load_table, some_rows, title_of
+from ia_bench.runs.table import Row, SceneEntry, Table, key_of, load_table, rows_in, some_rows, title_of
 
 CELLS = "cells.json"
 RUNNING, WAITING, FAILED, FINISHED = "running", "waiting", "failed", "finished"
@@ -46,7 +46,7 @@ LONGEST = 255  # bytes of a file's name
 class TableRequest:
     """The command line: which table, what replaces its scenes and seeds, how many jobs, overrides for every cell, and where.
 
-    ``table``: a name, or a FILE.yaml. ``rows``: which of its rows, None for all (:func:`some_rows`).
+    ``table``: a name, or a FILE.yaml. ``rows``: which of its rows, None for all (:func:`rows_in`).
     """
 
     table: str = "paper"
@@ -66,7 +66,7 @@ class TableRequest:
         """The table with the rows that are asked for. Raises InputError as :func:`load_table`, and for what a row sets itself."""
         table = load_table(self.table)
         if self.rows is not None:
-            table = some_rows(table, self.rows)
+            table = some_rows(table, rows_in(self.rows, table))
         for row in table.crossed_rows:
             own = {key_of(text) for text in row.overrides}
             if both := [text for text in self.overrides if key_of(text) in own]:

@@ -219,20 +219,27 @@ def _file_of(name: str) -> Path:
     return folder / f"{name}.yaml"
 
 
-def some_rows(table: Table, text: str) -> Table:
-    """The ``table`` of those of its rows, claims and reference alone that ``text`` names, with commas between, as names may have.
-
-    Raises InputError for what is no row.
-    """
-    names, rest, chosen = [row.name for row in table.rows], [part.strip() for part in text.split(",")], list[str]()
+def rows_in(text: str, table: Table) -> list[str]:
+    """The rows of the ``table`` that ``text`` names, with commas between, as names may have. Raises InputError for what is none."""
+    known = {", ".join(_parts(row.name)): row.name for row in table.rows}
+    rest, chosen = _parts(text), list[str]()
     while rest:
-        end = next((end for end in range(len(rest), 0, -1) if ", ".join(rest[:end]) in names), 0)
+        end = next((end for end in range(len(rest), 0, -1) if ", ".join(rest[:end]) in known), 0)
         if not end:
-            raise InputError(f"rows: {unknown('row', rest[0], names)}")
-        chosen.append(", ".join(rest[:end]))
+            raise InputError(f"rows: {unknown('row', rest[0], known.values())}")
+        chosen.append(known[", ".join(rest[:end])])
         rest = rest[end:]
     if len(set(chosen)) != len(chosen):
         raise InputError(f"rows: expected every row once, found {', '.join(chosen)}")
+    return chosen
+
+
+def _parts(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",")]
+
+
+def some_rows(table: Table, chosen: Sequence[str]) -> Table:
+    """The ``table`` of those of its rows, claims and reference alone that are ``chosen``."""
     reference = table.reference if table.reference in chosen else None
     curve = [name for name in table.curve if name in chosen]
     some = replace(table, rows=[row for row in table.rows if row.name in chosen], reference=reference, claims=[], curve=curve)

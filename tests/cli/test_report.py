@@ -125,16 +125,16 @@ rows: [{name: none, overrides: []}, {name: longer, overrides: []}, {name: ours, 
 def test_results_of_a_table_are_reported_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of two of its three rows; once its file is gone, as any runs."""
     table, results = tmp_path / "ways.yaml", tmp_path / "results"
-    table.write_text(SEVERAL_WAYS.replace("{name: longer,", "{name: longer, note: more steps,"))
-    for row, psnr in {"none": 20.0, "longer": 23.0}.items():
+    table.write_text(SEVERAL_WAYS.replace("{name: longer,", "{name: 'longer,too', note: more steps,"))
+    for row, psnr in {"none": 20.0, "longer,too": 23.0}.items():
         write_record(results / "runs" / row, row, psnr)
-    list_cells(results, str(table), ("none", "hat", "none"), ("longer", "hat", "longer"))
+    list_cells(results, str(table), ("none", "hat", "none"), ("longer,too", "hat", "longer,too"))
     assert main([str(results), "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr()
     assert f"reported as table {table}" in said.err
-    assert "longer: more steps" in said.out
+    assert "longer,too: more steps" in said.out
     assert "ours" not in said.out
-    assert "| longer | 23.00 |" in said.out, "the mean over the scene that was asked for, not over one of two"
+    assert "| longer,too | 23.00 |" in said.out, "the mean over the scene that was asked for, not over one of two"
     assert "minus the row without a prior of the same scene" in (tmp_path / "out" / "page" / "index.html").read_text()
     table.unlink()
     assert main([str(results), "--out", str(tmp_path / "out")]) == 0

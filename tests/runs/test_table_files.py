@@ -12,7 +12,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.runs.cells import TableRequest, make_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.identity import hash_of, identity
-from ia_bench.runs.table import Claim, Row, SceneEntry, Table, capture_of, crossed_name, load_table, some_rows
+from ia_bench.runs.table import Claim, Row, SceneEntry, Table, capture_of, crossed_name, load_table, rows_in, some_rows
 
 BAD_NAMES = ('""', '" "', '"a\\nb"', '"a\\0b"', "a" * 5000)
 
@@ -85,22 +85,27 @@ def test_a_file_of_ones_own_is_a_table() -> None:
 
 
 def test_some_rows_of_a_table_are_named_with_the_commas_that_they_have() -> None:
-    rows = [Row(name, ["prior=none"]) for name in ("none", "targets", "refiner", "refiner, hull")]
+    rows = [Row(name, ["prior=none"]) for name in ("none", "targets", "refiner", "refiner, hull", "a,b")]
     claims = [Claim("targets", "none"), Claim("refiner", "none")]
     table = Table(rows=rows, reference="none", claims=claims)
-    few = some_rows(table, "none,refiner, hull,targets")
+    few = some_rows(table, rows_in("none,refiner, hull,targets", table))
     assert [row.name for row in few.rows] == ["none", "targets", "refiner, hull"]
     assert (few.reference, few.claims) == ("none", claims[:1])
-    assert [row.name for row in some_rows(table, "refiner").rows] == ["refiner"]
+    assert rows_in("refiner", table) == ["refiner"]
+    assert rows_in("refiner,hull,a,b,none", table) == ["refiner, hull", "a,b", "none"], "with or without blanks"
+    assert [row.name for row in some_rows(table, ["none", "refiner"]).rows] == ["none", "refiner"]
     few_views = [crossed_name(name, capture_of({"views": 8}).label) for name in ("none", "targets", "refiner")]
     claims = [Claim(better, few_views[0]) for better in few_views[1:]]
     crossed = replace(table, captures=[{"views": 8}, {"views": 32}], claims=claims)
-    assert some_rows(crossed, "none,targets").claims == crossed.claims[:1]
-    assert some_rows(table, "refiner").reference is None
+    assert some_rows(crossed, ["none", "targets"]).claims == crossed.claims[:1]
+    assert some_rows(table, ["refiner"]).reference is None
     with pytest.raises(InputError, match="rows: expected every row once, found none, none"):
-        some_rows(table, "none,none")
-    with pytest.raises(InputError, match=r"rows: unknown row 'nome'; did you mean 'none'\? There are: .*refiner, 'refiner, hull'$"):
-        some_rows(table, "targets,nome")
+        rows_in("none,none", table)
+    with pytest.raises(
+        InputError,
+        match=r"rows: unknown row 'nome'; did you mean 'none'\? There are: none, targets, refiner, 'refiner, hull', 'a,b'$",
+    ):
+        rows_in("targets,nome", table)
 
 
 @pytest.mark.parametrize("override", ["prior=none", "+prior=none", "capture.views=4", "coupling.options.albedo=2"])
