@@ -123,10 +123,13 @@ def write_report(
 
 
 def _draw(findings: Findings, out: Path) -> list[Path]:
-    pictures = []
+    pictures: list[Path] = []
     for scene in findings.scenes:
         if (figure := draw_scene(findings.runs, scene, findings.rows)) is not None:
-            pictures += save(figure, out / "curves" / re.sub(r"[^\w.-]", "_", scene))
+            name = re.sub(r"[^\w.-]", "_", scene)
+            while out / "curves" / f"{name}.png" in pictures:  # of "my hat", where this is my_hat
+                name += "_"
+            pictures += save(figure, out / "curves" / name)
     front = None if findings.timing is None else draw_pareto(points(findings.timing))
     return pictures if front is None else [*pictures, *save(front, out / PARETO)]
 

@@ -9,6 +9,7 @@ from matplotlib.text import Text
 
 from ia_bench.report.collect import Runs, collect
 from ia_bench.report.curves import draw_pareto, draw_scene, save
+from ia_bench.report.write import write_report
 from ia_bench.scores.metrics import CURVE_METRICS
 
 Write = Callable[..., Path]
@@ -62,6 +63,16 @@ def test_dollar_signs_are_no_mathematics(write_run: Write, tmp_path: Path, name:
         assert shown
         assert all(text._preprocess_math(text.get_text()) == (text.get_text().replace(r"\$", "$"), False) for text in shown)
         assert picture.stat().st_size > 0
+
+
+def test_every_row_stands_in_the_legend_and_every_scene_has_a_figure_of_its_own(write_run: Write, tmp_path: Path) -> None:
+    """matplotlib passes over labels that begin with _; in a file's name a blank becomes one."""
+    scenes = {"my hat": RISES, "my_hat": FALLS}
+    folders = [write_run(row, scene, curve=curve) for scene, curve in scenes.items() for row in ("none", "_mine")]
+    figure = draw_scene(collect(folders).runs, "my hat", ["none", "_mine"])
+    assert [text.get_text() for text in figure.axes[-1].get_legend().get_texts()] == ["none", "_mine"]
+    drawn = [path for path in write_report(folders, tmp_path / "out").files if path.parent.name == "curves"]
+    assert len({path.read_bytes() for path in drawn}) == len(drawn) == 4
 
 
 def test_seeds_that_were_scored_once_each_are_marks(write_run: Write) -> None:
