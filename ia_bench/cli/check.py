@@ -130,8 +130,8 @@ def _check_coupling(arguments: Sequence[str]) -> Checked:
 
 def _check_regulariser(arguments: Sequence[str]) -> Checked:
     """Its options are written ``regulariser.options.KEY=VALUE``: it is part of no configuration by itself."""
-    own = dict(text.split("=", 1) for text in arguments if text.startswith("regulariser") and "=" in text)
-    if "regulariser" not in own:
+    own = {key: value for key, _, value in (text.partition("=") for text in arguments) if key.startswith("regulariser")}
+    if not own.get("regulariser"):
         raise InputError("expected regulariser=NAME, found none")
     _, scene, make_problem = _on_tiny([text for text in arguments if not text.startswith("regulariser")])
     from ia_bench.checks.fit_parts import check_part

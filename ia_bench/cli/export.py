@@ -65,6 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise InputError(f"ia-bench export: expected --format NAME ({', '.join(FORMATS)}) or --for prior, found neither or both")
     if wanted.format is not None and wanted.format not in FORMATS:
         raise InputError(unknown("--format", wanted.format, FORMATS))
+    if wanted.format is not None and (wanted.size, wanted.background, wanted.crop) != (None, "black", False):
+        raise InputError("--size, --background, --crop: expected them with --for prior, which alone heeds them, found --format")
     config = compose(settings)
     expect_outside("OUT", out, config.scene, config.reader)
     scene = read_scene(config.scene, config.reader, truth=True)

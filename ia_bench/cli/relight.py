@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ia_bench.common.arguments import at_least
+from ia_bench.common.arguments import at_least, number_of
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.machine import cores, settle_libraries
@@ -40,7 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--views", metavar="VIEW", help=seen)
     steps = f"pictures of a whole turn of the light, or of the object (default: 1, of .gif and .mp4 {STEPS})"
     parser.add_argument("--turn", type=at_least(1), metavar="N", help=steps)
-    parser.add_argument("--seconds", type=_seconds, default=3.0, help="that an animation lasts (default: 3)")
+    lasting = number_of("more than 0", lambda seconds: 0 < seconds < math.inf)
+    parser.add_argument("--seconds", type=lasting, default=3.0, help="that an animation lasts (default: 3)")
     parser.add_argument("--size", type=at_least(16), default=512, help="height of a picture in pixels (default: 512)")
     parser.add_argument("--samples", type=at_least(2), default=128, help="directions of light a pixel (default: 128)")
     behind = "transparent, light or white (default: transparent; of .gif and .mp4 light)"
@@ -96,12 +97,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _exposure(text: str) -> float | None:
     """The EV, None for auto."""
-    if text != "auto" and not abs(float(text)) <= 64:
-        raise argparse.ArgumentTypeError(f"expected auto or a number from -64 to 64, found {text}")
-    return None if text == "auto" else float(text)
-
-
-def _seconds(text: str) -> float:
-    if not 0 < float(text) < math.inf:
-        raise argparse.ArgumentTypeError(f"expected more than 0, found {text}")
-    return float(text)
+    return None if text == "auto" else number_of("auto or a number from -64 to 64", lambda ev: abs(ev) <= 64)(text)

@@ -62,6 +62,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise InputError(f"expected one mesh ({', '.join(MESHES)}) or folder of pictures, found {shown(' '.join(wanted.given))}")
     path = Path(what).expanduser()
     if wanted.pictures is not None:
+        named = [name for name, value in vars(wanted).items() if value is not None and name not in ("given", "pictures")]
+        others = [*(f"--{name.replace('_', '-')}" for name in named), *(text for text in wanted.given if "=" in text)]
+        if others:
+            raise InputError(f"--pictures: expected nothing but a run and OUT, found {', '.join(others)}")
         from ia_bench.runs.submissions import write_predictions  # brings in the renderer
 
         for name, count in write_predictions(path, Path(wanted.pictures)).items():

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
 
-from ia_bench.common.arguments import at_least
+from ia_bench.common.arguments import at_least, number_of
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import FAULT, OK, complain, exits, say
@@ -23,12 +23,6 @@ from ia_bench.runs.record import digest_of, json_bytes
 TABLE = "runs.csv"
 
 
-def _share(text: str) -> float:
-    if not 0 < (value := float(text)) <= 1:
-        raise argparse.ArgumentTypeError(f"expected a number above 0 and up to 1, found {text}")
-    return value
-
-
 @exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 0 if every run was scored or run again and agrees, else 1."""
@@ -40,9 +34,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, metavar="FILE.json", help="the result as a file, for ia-bench board")
     parser.add_argument("--threads", type=at_least(1), default=cores(), help="CPU threads (default: all)")
     cells = parser.add_argument_group("of a runs.csv, whose cells are run again with the threads that they were published with")
-    cells.add_argument("--share", type=_share, default=0.1, help="of its cells, drawn by chance (default: a tenth)")
+    share = number_of("a number above 0 and up to 1", lambda part: 0 < part <= 1)
+    cells.add_argument("--share", type=share, default=0.1, help="of its cells, drawn by chance (default: a tenth)")
     cells.add_argument("--seed", type=at_least(0), default=0, help="which ones (default: 0)")
-    cells.add_argument("--tolerance", type=float, default=1e-3, help="in dB; a tenth of it in other scores (default: 0.001)")
+    decibels, about = number_of("0 or more", lambda dB: dB >= 0), "in dB; a tenth of it in other scores (default: 0.001)"
+    cells.add_argument("--tolerance", type=decibels, default=1e-3, help=about)
     wanted = parser.parse_args(arguments)
     tables = [table for path in wanted.published for table in ([path] if path.suffix == ".csv" else sorted(path.rglob(TABLE)))]
     packs = list[Path]()

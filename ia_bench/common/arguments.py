@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -72,6 +73,18 @@ def at_least(least: int) -> Callable[[str], int]:
         if not re.fullmatch(r"-?[0-9]{1,18}", text) or int(text) < least:
             raise argparse.ArgumentTypeError(f"expected a whole number of at least {least}, found {text}")
         return int(text)
+
+    return number
+
+
+def number_of(expected: str, holds: Callable[[float], bool]) -> Callable[[str], float]:
+    """An argparse ``type``: a number that ``holds``; what that is, ``expected`` says."""
+
+    def number(text: str) -> float:
+        with suppress(ValueError):
+            if holds(float(text)):
+                return float(text)
+        raise argparse.ArgumentTypeError(f"expected {expected}, found {text}")
 
     return number
 

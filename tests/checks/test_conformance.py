@@ -126,6 +126,7 @@ def test_command_line(capsys: pytest.CaptureFixture[str]) -> None:
         (["prior=[", "prior.x"], "cannot read"),
         (["regulariser"], "expected regulariser=NAME, found none"),
         (["regulariser=parsimony", "regulariser.options.amount=["], "amount: expected"),
+        (["regulariser=parsimony", "regulariser.options.amount"], "amount: expected a number, found None"),
     ],
 )
 def test_mistakes(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:

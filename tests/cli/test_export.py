@@ -67,6 +67,7 @@ def test_a_capture_without_a_mesh_is_written_without_one(tiny: Scene, capsys: py
         (["tiny", "full", "--format", "dtu"], "full: expected a new folder, or an empty one, found files in it"),
         (["tinny", "out", "--format", "dtu"], "'tinny'; did you mean 'tiny'?"),
         (["tiny", "out", "--for", "prior", "--size", "4"], "--size: expected 8 to 8192 pixels, found 4"),
+        (["tiny", "out", "--format", "dtu", "--size", "64"], "--crop: expected them with --for prior, which alone heeds them"),
         (["tiny", "out", "--format", "dtu", "capture.views=80"], "capture.views=80"),
     ],
 )

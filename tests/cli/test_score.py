@@ -108,6 +108,7 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
     "another file": (["RUN/metrics.json", "--scene", "tiny"], "expected a mesh (.glb, .gltf, .obj) or a folder of pictures"),
     "up": (["RUN/asset.glb", "--scene", "tiny", "--up", "x"], "unknown value of method.options.up: 'x'"),
     "light absent": (["RUN/asset.glb", "--scene", "tiny", "--light", "gone.hdr"], "method.options.light="),
+    "beside pictures": (["RUN", "--pictures", "out", "--light-turn", "9", "seed=3"], "and OUT, found --light-turn, seed=3"),
     "seconds": (["RUN/asset.glb", "--scene", "tiny", "--seconds", "-3"], "method.options.declared.seconds"),
 }
 

@@ -129,7 +129,7 @@ def test_a_run_that_was_scored_again_has_no_command(published: Path) -> None:
         overrides_of(run | {"rescored_from_config_hash": "0" * 64})
 
 
-@pytest.mark.parametrize("share", ["0", "1.5", "-1"])
+@pytest.mark.parametrize("share", ["0", "1.5", "-1", "half"])
 def test_a_share_that_is_none_is_refused(published: Path, capsys: pytest.CaptureFixture[str], share: str) -> None:
     with pytest.raises(SystemExit):
         main([str(published), "--share", share])
