@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError, create_model
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.errors import PydanticUserError
 from pydantic_core import ErrorDetails
 
@@ -122,7 +122,9 @@ def _fields_of(factory: Callable[..., Any], given: int) -> tuple[dict[str, Any],
                 hint = Any
             optional = hint | None if p.default is None and hint is not Any else hint  # which annotations often leave out
             fields[p.name] = (optional, ... if p.default is p.empty else p.default)
-    return fields, TypeAdapter(create_model("Options", __config__=STRICT, **fields))
+    parts = [(name, kind, None) for name, (kind, _) in fields.items()]  # who lacks one is told before
+    made = dataclasses.make_dataclass("Options", parts, namespace={"__pydantic_config__": STRICT})  # whose fields have any names
+    return fields, TypeAdapter(made)
 
 
 def defaults_of(factory: Callable[..., Any], given: int = 0) -> dict[str, Any]:

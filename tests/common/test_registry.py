@@ -9,6 +9,7 @@ import pytest
 
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
+from ia_bench.common.settings import check_arguments
 
 GOOD = """
 from collections.abc import Iterable, Mapping
@@ -171,6 +172,16 @@ def test_whatever_an_annotation_may_mean_is_let_through() -> None:
     create_typed(strength=2, names=["albedo"], patches=True, table={"a": 1}, rule="variance", sloppy=None)
     create_typed(patches="auto", table=None, strange="b", given="c")
     registry.create("prior", "third_good:Unresolved", "third_good:Unresolved", {"steps": "many"})
+
+
+def test_an_option_may_have_any_name() -> None:
+    """pydantic's models keep some for themselves: a warning, or no such setting."""
+
+    def plugin(*, schema: int = 0, model_config: int = 0, _own: int = 0) -> None: ...
+
+    check_arguments(plugin, {"schema": 1, "model_config": 2, "_own": 3}, "prior.options")
+    with pytest.raises(InputError, match=r"prior\.options\._own: expected a whole number, found 'a'"):
+        check_arguments(plugin, {"_own": "a"}, "prior.options")
 
 
 # ---- the code of plugins ---------------------------------------------------------------------------------------------
