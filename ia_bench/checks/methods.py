@@ -122,10 +122,11 @@ def with_other_truth(scene: Scene) -> Scene:
 
     truth = scene.truth
     if truth is not None:
-        albedo, roughness = (None if texture is None else 1 - texture for texture in (truth.albedo, truth.roughness))
+        known = {name: getattr(truth, name) for name in ("albedo", "roughness", "metallic")}
+        textures = {name: 1 - texture for name, texture in known.items() if texture is not None}
         mesh = truth.mesh and replace(truth.mesh, vertices=0.5 * truth.mesh.vertices, normals=-truth.mesh.normals)
         lights = {name: 2 * light for name, light in truth.lights.items()}
-        truth = replace(truth, lights=lights, albedo=albedo, roughness=roughness, mesh=mesh)
+        truth = replace(truth, lights=lights, mesh=mesh, **textures)
     train = tuple(map(changed, scene.train))
     return replace(scene, train=train, truth=truth, test=held_out(scene.test), novel=held_out(scene.novel))
 

@@ -12,8 +12,8 @@ import torch
 from ia_bench.capture.capture import captured
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.checks import methods
-from ia_bench.checks.finding import Finding
-from ia_bench.checks.methods import check_method
+from ia_bench.checks.finding import Finding, difference
+from ia_bench.checks.methods import check_method, with_other_truth
 from ia_bench.cli.check import main
 from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material
@@ -146,6 +146,12 @@ def test_what_finds_the_truth_is_found(tiny: Scene) -> None:
         return Problem(scene.blind(), RenderSettings(bounces=0))
 
     assert failed(findings(Peeping, tiny, hand_over)) == ["the same seed again, with another truth"]
+
+
+def test_another_truth_is_another_one_in_every_part(tiny: Scene) -> None:
+    known = replace(tiny, truth=replace(tiny.truth, metallic=tiny.truth.roughness, mesh=tiny.mesh))
+    before, after = vars(known.truth), vars(with_other_truth(known).truth)
+    assert [name for name in before if difference(before[name], after[name]) is None] == []
 
 
 def test_what_writes_to_the_scene_is_found(tiny: Scene) -> None:
