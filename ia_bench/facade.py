@@ -204,9 +204,11 @@ class Fit(Recovered):
         if isinstance(light, np.ndarray):
             if light.dtype.kind not in "biuf" or light.ndim != 3 or light.shape[1:] != (2 * len(light), 3) or not light.size:
                 raise InputError(f"light: expected an array (H, 2 H, 3) of radiance, found one of {light.shape} {light.dtype}")
+            with np.errstate(over="ignore"):
+                light = np.asarray(light, np.float32)
             if not (np.isfinite(light).all() and light.min() >= 0):
                 raise InputError(f"light: expected finite radiance of 0 and more, found {light.min():.4g} to {light.max():.4g}")
-            return np.asarray(light, np.float32)
+            return light
         lights = {} if self.scene.truth is None else self.scene.truth.lights
         return lights[str(light)] if str(light) in lights else read_light(user_path("light", str(light)))
 

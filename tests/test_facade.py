@@ -61,6 +61,7 @@ def test_a_light_is_a_name_a_file_or_an_array(fit: ib.Fit, scene: ib.LoadedScene
         (np.ones((16, 16, 3)), r"\(H, 2 H, 3\)"),
         (-np.ones((4, 8, 3)), "-1 to -1"),
         (np.full((4, 8, 3), np.nan), "nan"),
+        (np.full((4, 8, 3), 1e300), "finite radiance of 0 and more, found inf to inf"),
         (np.ones((4, 8, 3), object), "object"),
     ):
         with pytest.raises(ib.InputError, match=said):
