@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for former in (wanted.out / PACKS).glob("[0-9a-f]" * NAMED):  # what a board left there; other things may lie beside it
         shutil.rmtree(former, ignore_errors=True)
     cells: dict[Path, CellKey | None] = {}
-    notes: dict[str, str] = {}
+    notes: dict[str, dict[str, None]] = {}  # of a row, what each of its packs says, once
     left_out = 0
     for path in packs:
         if (digest := digest_of(path)) is None:
@@ -73,10 +73,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             declared = any(record.declared is not None for record in runs.values())
             said.append("seconds as they declare them" if declared else "seconds as measured by the runs")
             label = f"{row} ({manifest.authors}{mark})"
-            notes[label] = "; ".join([*said, *filter(None, [manifest.note])])
+            notes.setdefault(label, {})["; ".join([*said, *filter(None, [manifest.note])])] = None
             cells |= {place / folder: (label, record.scene, record.seed) for folder, record in runs.items()}
     if not cells:
         raise InputError(f"{', '.join(map(str, wanted.packs))}: expected a pack that can be shown, found none")
-    rows = [Row(label, [], note) for label, note in notes.items()]
+    rows = [Row(label, [], "; ".join(note)) for label, note in notes.items()]
     finish(write_report(cells, wanted.out, Table(rows=rows, reference=wanted.reference)), wanted.out, "board")
     return FAULT if left_out else OK

@@ -228,6 +228,16 @@ def test_a_board_has_rows_by_who_brought_them_and_marks_what_is_verified(
     assert "albedo" in (tmp_path / "board" / "page" / "parts" / "pictures.js").read_text()
 
 
+def test_a_row_that_comes_in_two_packs_is_told_of_by_both(pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    more = changed("metrics.json", lambda record: record.update(seed=1, declared={"seconds": 5.0}))
+    second = spoiled(pack, tmp_path / "second.zip", more, hashed=True)
+    assert main(["board", str(pack), second, "--out", str(tmp_path / "board")]) == 0
+    (note,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("none (A. Author): ")]
+    assert note.count("brought by A. Author") == 2
+    assert "seconds as measured by the runs" in note
+    assert note.endswith("seconds as they declare them")
+
+
 def test_what_cannot_be_packed_is_said(runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = shutil.copytree(runs / "none", tmp_path / "run")
     (run / "albedo.exr").write_bytes(b"")
