@@ -96,11 +96,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from ia_bench.priors.files import ABOUT, README, write_photographs
 
     size = f"{wanted.size} x {wanted.size}" if wanted.size else "as large as the photographs"
+    more = [*(["--size", str(wanted.size)] if wanted.size else []), *(["--crop"] if wanted.crop else [])]
     text = README.format(
         count=len(scene.train),
         size=size,
         background=wanted.background,
-        scene=shlex.join(text for text in wanted.given if text != named[0]),
+        scene=shlex.join([*settings, *more, "--background", wanted.background]),
         out=shlex.quote(str(out)),
         settings=shlex.join(settings),
         about=ABOUT,

@@ -58,6 +58,21 @@ def test_a_capture_without_a_mesh_is_written_without_one(tiny: Scene, capsys: py
     assert sorted(path.name for path in Path().iterdir()) == ["out", theirs]
 
 
+def test_photographs_for_a_network_are_written_again_by_the_command_beside_them() -> None:
+    """Into a folder that is called as the scene, too."""
+    assert (
+        main(["export", "tiny", "tiny", "--for", "prior", "--size", "24", "--crop", "--background", "white", "capture.views=2"])
+        == 0
+    )
+    (line,) = [line for line in Path("tiny/README.txt").read_text().splitlines() if line.startswith("  ia-bench export ")]
+    *command, out = shlex.split(line)[1:]
+    assert (out, main([*command, "again"])) == ("tiny", 0)
+    for name in ("images", "masks"):
+        first, again = (sorted(path.read_bytes() for path in Path(folder, name).iterdir()) for folder in (out, "again"))
+        assert len(first) == 2
+        assert first == again
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
