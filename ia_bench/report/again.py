@@ -48,7 +48,7 @@ class Repeated:
 def drawn(published: Sequence[Record], share: float, seed: int) -> list[Record]:
     """A share of those published runs that have not failed, at least one, in their order; the same for the same seed."""
     done = [run for run in published if "problem" not in run]
-    count = min(len(done), max(1, math.ceil(share * len(done))))
+    count = min(len(done), max(1, math.ceil(round(share * len(done), 6))))  # a tenth of 30 is 3
     return [done[place] for place in sorted(np.random.default_rng(seed).choice(len(done), count, replace=False))]
 
 
