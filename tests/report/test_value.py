@@ -125,6 +125,11 @@ def test_files_say_what_was_found(tmp_path: Path) -> None:
     assert float(base["detectable"]) == pytest.approx((t_975 + t_80) * means.std(ddof=1) / math.sqrt(2), rel=1e-6)
 
 
+def test_names_of_scenes_are_no_markup(tmp_path: Path) -> None:
+    write(as_table(one | {"scene": f"*{one['scene']}*"} for one in records({"2 views": [[1.0], [1.1]]})), TABLE, tmp_path)
+    assert r"Scenes: \*s0\*, \*s1\*. " in (tmp_path / "value.md").read_text()
+
+
 def test_what_is_decided_only_alone_is_marked_and_eight_scenes_have_a_sign_test(tmp_path: Path) -> None:
     """Gains of 1 dB and a deviation that gives p = .03: alone enough, among four captures not."""
     some = [1.0 + 1.05 * (-1) ** scene for scene in range(8)]
