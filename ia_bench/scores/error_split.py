@@ -28,7 +28,7 @@ from ia_bench.scores.comparison import Pair
 from ia_bench.scores.metrics import ERROR_PARTS, NoScoredPixel, Undefined
 from ia_bench.scores.protocol import Protocol
 
-WIDTH = 0.05  # of the Gaussian that smooths, over the diagonal of the surface's box
+WIDTH = 0.05  # of the Gaussian that smooths, over the diagonal of the box of all places that are smoothed
 CELLS = 2  # along that width; errors are smoothed on a grid
 STEPS = 6  # toward the factor, each of which leaves a small part of the error of the one before
 GAMMA = 2.2  # the power by which encoded values become linear, about

@@ -60,7 +60,6 @@ def test_of_the_noise_a_tenth_stays_and_pictures_with_less_error_are_counted() -
     (pair,) = pairs(noise, picture(TRUE), 0.5, "render")
     spread = np.square(comparison.of_object(pair, V3, "srgb").spread[pair.mask]).mean()
     assert scores.metrics["view_synthesis"]["psnr"] <= -10 * np.log10(LEAST * spread) + 1e-9
-    assert scores.counts["view_synthesis"]["at_noise_floor"] in (0, 1)
     halves = picture(TRUE + 0.03), picture(TRUE - 0.03)  # whose mean is the truth: by chance far too good
     by_chance = score(Predictions(view_synthesis=halves[0].averaged(halves[1])), truth, V3)
     assert by_chance.counts["view_synthesis"]["at_noise_floor"] == 1
