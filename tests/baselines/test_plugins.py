@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -97,6 +98,31 @@ def test_a_method_keeps_the_contract(name: str, tiny: Scene, monkeypatch: pytest
     monkeypatch.setattr(spherical_gaussians, "STEPS", 5)  # of lights that are given
     found = list(check_method(lambda: METHODS[name](4), problem_of, tiny))
     assert [finding for finding in found if finding.status != "pass"] == []
+
+
+def black(scene: Scene) -> Scene:
+    return replace(scene, train=tuple(replace(view, image=0 * view.image) for view in scene.train))
+
+
+def flat(scene: Scene) -> Scene:
+    mesh = scene.expect_mesh()
+    return replace(scene, mesh=replace(mesh, vertices=mesh.vertices * np.array([1, 1, 0], np.float32)))
+
+
+STARTS = {
+    "black photographs": (lambda: invrender(2), black),
+    "a flat mesh": (lambda: tensoir(2), flat),
+    "all of metal at first": (
+        lambda: Nvdiffrecmc(NvdiffrecmcOptions(steps=2, samples=2, metallic_initial=1.0)),
+        lambda scene: scene,
+    ),
+}
+
+
+@pytest.mark.parametrize(("make", "changed"), STARTS.values(), ids=STARTS)
+def test_no_step_is_skipped(make: Callable[[], Method], changed: Callable[[Scene], Scene], tiny: Scene) -> None:
+    found = make().fit(problem_of(changed(tiny)), seed=0, monitor=Monitor.silent())
+    assert found.counters["skipped_steps"] == 0
 
 
 @pytest.mark.parametrize("name", PRIORS)

@@ -11,7 +11,7 @@ from ia_bench.checks.methods import Memory
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.scenes.scene import Scene
-from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
+from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians, fibonacci_axes
 from ia_bench_baselines.common.spherical_gaussians.sampling import draw_directions
 from ia_bench_baselines.tensoir.fit import relative_change
 from ia_bench_baselines.tensoir.method import Tensoir as TensoirMethod
@@ -99,6 +99,16 @@ def test_drawn_directions_add_up_to_the_integral():
         found = reflect(points, albedo.expand(draws, 3), rough, drawn.direction, drawn.weight, drawn.radiance)
         torch.testing.assert_close(found.mean(0).double(), true, rtol=5e-3, atol=0)
         assert float((found.std(0) / found.mean(0)).max()) < 0.25
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_in_the_dark_nothing_is_reflected(count: int):
+    """Toward a point that faces the last of the lobes, which is drawn where none has any energy."""
+    down = torch.tensor([[0.0, 0, -1]]).expand(20, 3)
+    dark, rough = SphericalGaussians(fibonacci_axes(8), torch.full((8,), 30.0), torch.zeros(8, 3)), torch.full((20, 1), 0.5)
+    drawn = draw_directions(dark, points_at(down, down), rough, count, torch.Generator().manual_seed(0))
+    found = reflect(points_at(down, down), torch.ones(20, 3), rough, drawn.direction, drawn.weight, drawn.radiance)
+    assert torch.equal(found, torch.zeros(20, 3))
 
 
 # ---- light -------------------------------------------------------------------------------------------------------------

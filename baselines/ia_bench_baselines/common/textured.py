@@ -27,7 +27,7 @@ class TexturedScene(nn.Module):
     def __init__(
         self, problem: Problem, pixels: TrainingPixels, *, roughness: float, metallic: float, least: float, least_roughness: float
     ) -> None:
-        """All textures start constant: the base colour at .5, the others as given; the light starts at radiance 1."""
+        """All textures start constant: the base colour at .5, the others as near as they may be; the light at radiance 1."""
         super().__init__()
         plan, device = problem.plan, problem.device
         size, rows = plan.texture, plan.light_height
@@ -39,6 +39,8 @@ class TexturedScene(nn.Module):
         uv = problem.stage.surface.uv(trained.face.reshape(-1).long(), trained.barycentric.reshape(-1, 2))
         self.register_buffer("observed", splat(uv, torch.zeros(len(uv), 0, device=device), size)[1] > 0)
         self._least, self._least_roughness = least, least_roughness
+        with torch.no_grad():
+            self.project()
 
     @property
     def light(self) -> Tensor:

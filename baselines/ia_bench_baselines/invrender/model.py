@@ -150,7 +150,7 @@ class InvRenderModel(nn.Module):
     def light_up(self, radiance: float) -> None:
         """Start from a grey light, even but for its lobes, under which the material as it is shows this mean ``radiance``."""
         albedo = self.material(torch.zeros(1, 3, device=self.centre.device))[:, :3].mean()
-        wanted = 4 * math.pi * radiance / (albedo * SEEN_OF_SKY)
+        wanted = 4 * math.pi * max(radiance, 1e-8) / (albedo * SEEN_OF_SKY)
         self.light_amplitude.zero_()
         self.light_amplitude.copy_(torch.log(wanted / self.light().energy().sum(0)).expand(LOBES, 3))
 

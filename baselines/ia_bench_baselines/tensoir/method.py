@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
 
 from ia_bench.common.ranges import Count, Number, Rate, Weight
 from ia_bench.methods.info import MethodInfo
@@ -45,7 +47,7 @@ class TensoirOptions:
     directions: Number = 48
     rendered_directions: Number = 512
     lobes: Number = 128
-    coarse: Number = 64
+    coarse: Annotated[int, Field(ge=2, le=2**31)] = 64  # one cell has no neighbour to be like
     fine: Number = 128
     components: Number = 16
     tensor_rate: Rate = 0.02

@@ -85,6 +85,7 @@ def _looked_up(grid: Tensor, place: Tensor) -> Tensor:
 
 FEATURES, HIDDEN, FREQUENCIES = 27, 128, 2  # after the basis; of a head's layers; of every encoding
 ROUGHNESS = (0.09, 0.9)  # the least one, and the range above it
+FLATTEST = 1e-3  # of the box's longest side, which every other has at least
 FIRST_SHARPNESS, SPREAD = 10.0, 20.0  # of the light: lambda = 10 + 20 |N(0, 1)|
 FIRST_ENERGY = 0.8 * 2 * math.pi  # of the whole light at the start, each channel
 
@@ -106,8 +107,9 @@ class Tensoir(nn.Module):
         for network in (self.basis, self.radiance_head, self.material_head):
             initialise(network.to(corners.device), generator)
         self.light = TrainedLight(options.lobes, generator)
-        self.register_buffer("low", corners[0])
-        self.register_buffer("high", corners[1])
+        low, high = corners
+        self.register_buffer("low", low)
+        self.register_buffer("high", torch.maximum(high, low + FLATTEST * (high - low).max()))
 
     def local(self, position: Tensor) -> Tensor:
         """Positions in the cube [-1, 1]^3."""
