@@ -25,7 +25,7 @@ class Gloss:
     Attributes:
         reflectance: F0, at normal incidence.
         gain: Factor of the normalised amplitude 1 / (pi roughness^4). InvRender has a gain of 2 with a reflectance of .02, which
-            reflects at normal incidence what .04 does with a gain of 1, and up to a third more at grazing views.
+            reflects at normal incidence what .04 does with a gain of 1, and at grazing views up to twice as much.
     """
 
     reflectance: float = 0.04
@@ -52,7 +52,8 @@ def reflected_lobe(normal: Tensor, view: Tensor, roughness: Tensor, gloss: Gloss
 
     Around the half vector its sharpness is 2 / alpha^2, alpha = roughness^2. Turned into a lobe around the mirrored view, it is
     wider by 4 n . v. There the half vector is the normal, so that F and G / (4 (n . v)(n . l)) are functions of n . v alone:
-    Schlick's F in the form of Karis (2013), and Schlick's G with k = (roughness + 1)^2 / 8.
+    Schlick's F in the form of Karis (2013), with 6.8316 for his 6.98316 as PhySG has it, and Schlick's G with
+    k = (roughness + 1)^2 / 8.
     """
     cosine = dot(normal, view).clamp_min(0)
     alpha2 = roughness**4
