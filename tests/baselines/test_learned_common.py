@@ -9,6 +9,7 @@ import torch
 from torch import nn
 from torch.optim import Adam
 
+from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.priors.weight_files import fill
 from ia_bench_baselines.common.training import WEIGHTS, RunSettings, initial_weights, run
@@ -73,3 +74,5 @@ def test_a_killed_run_validates_every_step_once_and_ends_with_the_very_same_weig
     for network, folder in ((straight, whole), (resumed, half)):
         fill(network, folder / WEIGHTS)
     assert torch.equal(straight.weight, resumed.weight)
+    with pytest.raises(InputError, match=r"expected the data that .*half began with \(\{\}\), found \{'objects': 9\}"):
+        run(Line(3), settings(half, steps=70), {"objects": 9}, Progress())

@@ -34,7 +34,7 @@ def test_the_domains_have_no_object_in_common(tmp_path: Path):
     assert not (objects[0] & objects[1])
     assert not (objects[1] & objects[2])
     assert not (objects[0] & objects[2])
-    with pytest.raises(InputError, match="expected more than"):
+    with pytest.raises(InputError, match="expected at least 96 images of 64 pixels, found 80 of 64"):
         UnpairedImages(tmp_path, held_out=24)
 
 

@@ -9,9 +9,11 @@ import torch
 from scipy.special import sph_harm_y
 from training.test_dataset import shard
 
+from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.priors.contract import Observations
+from ia_bench_baselines.yi.data import RelitRequest, make_data
 from ia_bench_baselines.yi.networks import InverseRendering
 from ia_bench_baselines.yi.prior import YiPrior
 from ia_bench_baselines.yi.shading import chromaticity, irradiance, low_rank_loss, rank_one_distance
@@ -72,6 +74,16 @@ def test_a_resumed_run_ends_with_the_very_same_weights(tmp_path: Path):
     states = (torch.load(tmp_path / name / "state.pt", weights_only=True) for name in ("whole", "parts"))
     whole, parts = (state["parts"]["trainee"]["networks"] for state in states)
     assert all(torch.equal(whole[name], parts[name]) for name in whole)
+
+
+def test_objects_beyond_those_asked_for_and_of_another_seed_are_refused(tmp_path: Path):
+    """Training takes all files of a folder."""
+    for number in range(2):
+        info = ShardInfo(seed=0, first=8 * 16 * number, count=8 * 16, size=8)
+        write_shard(tmp_path / f"relit_{number:05d}.safetensors", shard(8 * 16, 8), info)
+    for asked, found in (({"objects": 16}, "found 32 of seed 0"), ({"objects": 32, "seed": 1}, "found 16 of seed 0")):
+        with pytest.raises(InputError, match=f"{found}. Give another out= folder"):
+            make_data(RelitRequest(tmp_path, **{"seed": 0, **asked}), Progress())
 
 
 def test_specular_shading_is_the_linear_image_less_the_linear_diffuse_one():

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from ia_bench.common.arguments import read_arguments, settings_text
+from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, NotNegative, Number
@@ -111,7 +112,8 @@ def descend(loss: Tensor, *optimisers: Optimizer) -> None:
 def run(trainee: Trainee, settings: RunSettings, about: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     """Train to ``settings.steps`` or until the minutes are over, from the checkpoint if there is one; returns the best figures.
 
-    ``about`` goes into the metadata of the weights. Raises InputError for a state that cannot be read or belongs to other settings.
+    ``about`` goes into the metadata of the weights. Raises InputError for a state that cannot be read, or belongs to other settings
+    or to something else that it is about, such as fewer data.
     """
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
@@ -162,6 +164,7 @@ class _Run:
     def state_dict(self) -> dict[str, Any]:
         optimisers = {name: optimiser.state_dict() for name, optimiser in self._trainee.optimisers.items()}
         return {
+            "about": dict(self._about),
             "best": self.best,
             "losses": self._losses,
             "networks": self._trainee.networks.state_dict(),
@@ -169,6 +172,10 @@ class _Run:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        about = state.get("about", self._about)
+        if about != self._about:
+            began = f"expected the data that {self._settings.out} began with ({about})"
+            raise InputError(f"{self._settings.data}: {began}, found {self._about}; choose another out=FOLDER")
         self.best, self._losses = state["best"], state["losses"]
         self._trainee.networks.load_state_dict(state["networks"])
         for name, optimiser in self._trainee.optimisers.items():

@@ -45,9 +45,9 @@ class UnpairedImages:
         images = TrainingImages(folder)
         share = len(images) // (len(DOMAINS) * VIEWS) * VIEWS
         if images.size != SIDE or share <= held_out:
-            least = len(DOMAINS) * (held_out + VIEWS)
+            least = len(DOMAINS) * (held_out // VIEWS + 1) * VIEWS
             found = f"{len(images)} of {images.size}"
-            raise InputError(f"{folder}: expected more than {least} images of {SIDE} pixels, found {found}")
+            raise InputError(f"{folder}: expected at least {least} images of {SIDE} pixels, found {found}")
         self._images = images
         self._ranges = {name: range(k * share, (k + 1) * share) for k, name in enumerate(DOMAINS)}
         self._held_out = self._ranges["image"][share - held_out :]

@@ -27,7 +27,7 @@ from ia_bench_training.generate import render_relit
 from ia_bench_training.lights import Light, draw_light
 from ia_bench_training.render import VIEWS
 from ia_bench_training.shading import DirectLight
-from ia_bench_training.shards import CHANNELS, ShardInfo, load_shard, write_shard
+from ia_bench_training.shards import CHANNELS, ShardInfo, load_shard, read_info, write_shard
 
 USAGE = """\
 python -m ia_bench_baselines.yi.data out=FOLDER [objects=300] [seed=24] [compiled=true] [threads=1]
@@ -76,8 +76,14 @@ def render_object(seed: int, number: int, size: int, direct: DirectLight) -> dic
 
 
 def make_data(request: RelitRequest, progress: Progress) -> None:
-    """Render what the folder lacks."""
+    """Render what the folder lacks. Raises InputError where it holds more, or objects of another seed: training takes all of it."""
     make_writable(request.out, "out")
+    for path in sorted(request.out.glob(PATTERN)):
+        info = read_info(path)
+        last = (info.first + info.count) // LIGHTS
+        if info.seed != request.seed or last > request.objects:
+            expected = f"expected at most objects={request.objects} of seed={request.seed}"
+            raise InputError(f"{path}: {expected}, found {last} of seed {info.seed}. Give another out= folder")
     settle_libraries(request.threads)
     direct = DirectLight(compiled=request.compiled)
     task = progress.task("objects", request.objects)
