@@ -4,11 +4,11 @@ import torch
 from priors.tiny_network import tiny_weights
 from training.test_dataset import shard
 
-from ia_bench.priors.contract import PriorInfo, Samples
+from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.scores.comparison import scale
 from ia_bench_training.shards import ShardInfo, shard_path, write_shard
 from ia_bench_training.single_view import main
-from ia_bench_training.single_view_scores import load_examples, score
+from ia_bench_training.single_view_scores import Examples, load_examples, score
 
 
 class Knowing:
@@ -39,8 +39,11 @@ def test_the_image_as_albedo_is_scored_as_by_numpy(tiny_folder):
         predicted, true = image.numpy()[inside], truth.numpy()[inside]
         scaled = predicted * scale("mean_rgb", predicted, true)
         values.append(-10 * np.log10(np.square(scaled - true).mean()))
-    figures = score(Knowing(examples), examples, samples=1, seed=0)
-    assert figures["the image"] == pytest.approx(np.mean(values), abs=1e-3)
+    empty = [torch.cat([each, torch.zeros_like(each[:1])]) for each in (examples.shown.images, examples.shown.masks)]
+    more = [torch.cat([each, each[:1]]) for each in (examples.albedo, examples.specular)]
+    for seen in (examples, Examples("one of which shows nothing", Observations(*empty), *more)):
+        figures = score(Knowing(seen), seen, samples=1, seed=0)
+        assert figures["the image"] == pytest.approx(np.mean(values), abs=1e-3)
 
 
 def test_the_command_scores_scenes_and_shards(tmp_path, tiny_folder, capsys):

@@ -3,10 +3,11 @@
     python -m ia_bench_training.single_view hat ship console figurine --prior diffusion regressor retinex --seeds 0 1 2
 
 One Markdown row per prior and scene (its test views) or folder of held-out training images. PSNR in dB of linear values inside
-the mask, per image, then averaged. Albedo is scaled by one factor per image that makes its mean the truth's ("..., channels":
-one per channel, which forgives a colour cast), and so is the grey. Specular shading is not scaled, but shown at the exposure at
-which the image nearly fills a display, and clipped there; the constant is the best colour for each image, so it has seen the
-truth. ± is half the range that holds the mean over seeds with 95 % confidence (Student's t). – is what a prior does not provide.
+the mask, per image, then averaged over those that show something. Albedo is scaled by one factor per image that makes its mean
+the truth's ("..., channels": one per channel, which forgives a colour cast), and so is the grey. Specular shading is not scaled,
+but shown at the exposure at which the image nearly fills a display, and clipped there; the constant is the best colour for each
+image, so it has seen the truth. ± is half the range that holds the mean over seeds with 95 % confidence (Student's t). – is what
+a prior does not provide.
 """
 
 from __future__ import annotations

@@ -91,7 +91,7 @@ def score(prior: Prior, examples: Examples, *, samples: int, seed: int) -> dict[
     drawn = {name: torch.stack([answer[name] for answer in answers]) for name in sorted(prior.info.provides)}
     truth = {"albedo": examples.albedo, "specular": examples.specular}
     figures = psnr_by_name(images, masks > 0.5, exposure(images, masks), truth, drawn)
-    return {COLUMNS[name]: float(values.mean()) for name, values in figures.items()}
+    return {COLUMNS[name]: float(values.nanmean()) for name, values in figures.items()}
 
 
 def _geometry(scene: Scene) -> tuple[Tensor, Tensor]:

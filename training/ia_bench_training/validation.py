@@ -26,7 +26,7 @@ class SingleView:
     ``constant``.
 
     Attributes:
-        figures: PSNR in dB, means over images, by name.
+        figures: PSNR in dB, means over the images that show something, by name.
         pictures: (N, H, W, 3) to look at, by name.
     """
 
@@ -48,7 +48,7 @@ def score_single_view(network: MaterialNetwork, images: TrainingImages, index: T
         parts = {"": linear[component], "_one": drawn[0], "_mean": drawn.mean(0)}
         pictures |= {f"{component}{part}": (value * shown).clamp(0, 1) for part, value in parts.items()}
     scored = psnr_by_name(radiance, inside, batch.factor, linear, predictions)
-    return SingleView({name: float(values.mean()) for name, values in scored.items()}, pictures)
+    return SingleView({name: float(values.nanmean()) for name, values in scored.items()}, pictures)
 
 
 def psnr_by_name(
@@ -113,7 +113,7 @@ def aligned_psnr(predicted: Tensor, truth: Tensor, inside: Tensor, *, channels: 
 
 
 def psnr(predicted: Tensor, truth: Tensor, inside: Tensor) -> Tensor:
-    """PSNR (N,) in dB with peak 1 over the pixels inside (N, H, W) of (N, H, W, 3) images, at most 100."""
+    """PSNR (N,) in dB with peak 1 over the pixels inside (N, H, W) of (N, H, W, 3) images, at most 100; NaN where none is."""
     weight = inside[..., None].float()
-    error = ((predicted - truth).square() * weight).sum((1, 2, 3)) / (3 * weight.sum((1, 2, 3))).clamp_min(1)
+    error = ((predicted - truth).square() * weight).sum((1, 2, 3)) / (3 * weight.sum((1, 2, 3)))
     return -10 * torch.log10(error.clamp_min(1e-10))
