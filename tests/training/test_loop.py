@@ -134,9 +134,16 @@ def test_training_starts_from_given_weights(folders, tmp_path):
     for name, value in load_network(start)[0].state_dict().items():
         torch.testing.assert_close(network.state_dict()[name], value, atol=1e-4, rtol=1e-3)
     assert provenance["init"] == {"steps": 0}
-    ended = run(command(folders, tmp_path / "other", "steps=1", f"init={start}", "network.tokens=32"))
+
+
+@pytest.mark.parametrize(
+    ("given", "why"), [("init={start} network.tokens=32", "init"), ("mixture.meshes=.9", "mixture: expected none but for a world")]
+)
+def test_what_does_not_go_together_is_refused(folders, tmp_path, given, why):
+    start = tiny_weights(tmp_path / "start", seed=5, head=32)
+    ended = run(command(folders, tmp_path / "other", "steps=1", *given.format(start=start).split()))
     assert ended.returncode == 2
-    assert "init" in ended.stderr
+    assert why in ended.stderr
 
 
 @pytest.mark.slow

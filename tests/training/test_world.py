@@ -3,21 +3,25 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from training.test_dataset import shard
 from training.test_loop import folders, same_process, train  # noqa: F401 (fixtures)
 
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench_training.settings import TrainSettings
+from ia_bench_training.shards import ShardInfo, shard_path, write_shard
 from ia_bench_training.world import banks
+from ia_bench_training.world.held_out import SEED, HeldOutRequest, make_held_out
 from ia_bench_training.world.images import Mixture, WorldImages
 from ia_bench_training.world.layout import DIRECTIONS, LOBES, directions, filtered
-from ia_bench_training.world.make import WorldRequest, _meshes, make_world
+from ia_bench_training.world.make import WorldRequest, _meshes, _trace, make_world
 from ia_bench_training.world.shade import Shader
 from ia_bench_training.world.travel import TravelRequest, reduce
 
@@ -25,12 +29,15 @@ ROOT = Path(__file__).parents[2]
 SIZE = 16
 
 
+def request(folder):
+    return WorldRequest(folder, real=Path("none"), objects=2, views=2, size=SIZE, tiles=6, lights=2)
+
+
 @pytest.fixture(scope="module")
 def world(tmp_path_factory):
     folder = tmp_path_factory.mktemp("world")
     with Progress() as progress:
-        request = WorldRequest(folder, real=Path("none"), objects=2, views=2, size=SIZE, tiles=6, lights=2)
-        make_world(request, progress)
+        make_world(request(folder), progress)
     return folder
 
 
@@ -125,12 +132,32 @@ def test_a_network_trains_on_a_world_and_goes_on(world, folders, tmp_path):  # n
 
 
 def test_a_world_is_not_changed_under_a_training(world, tmp_path):
-    with Progress() as progress, pytest.raises(InputError, match="give another out= folder"):
-        make_world(WorldRequest(world, real=Path("none"), objects=2, views=2, size=SIZE, tiles=6, lights=2, seed=1), progress)
+    with Progress() as progress:
+        for other in ({"seed": 1}, {"tiles": 7}, {"lights": 3}):
+            with pytest.raises(InputError, match="give another out= folder"):
+                make_world(replace(request(world), **other), progress)
+        beyond = world / "views_procedural_0001.safetensors"
+        beyond.touch()
+        with pytest.raises(InputError, match="expected the views of objects=2, found more; give another out= folder"):
+            make_world(request(world), progress)
+        beyond.unlink()
     with pytest.raises(InputError, match=r"world\.make makes them"):
         WorldImages(tmp_path, Mixture())
     with pytest.raises(InputError, match="expected the folder of `make real-data`"):
         _meshes(tmp_path)
+
+
+def test_meshes_that_nothing_can_draw_leave_no_views(tmp_path):
+    (tmp_path / "mesh.glb").write_bytes(b"none")
+    _trace(request(tmp_path), 0, 0, [tmp_path / "mesh.glb"])
+    assert not list(tmp_path.glob("views_*"))
+
+
+def test_held_out_images_of_another_size_are_refused(tmp_path):
+    write_shard(shard_path(tmp_path, 0), shard(1, SIZE), ShardInfo(SEED, 0, 1, SIZE))
+    make_held_out(HeldOutRequest(tmp_path, size=SIZE), Progress())
+    with pytest.raises(InputError, match="expected images of size=64, found 16; give another out= folder"):
+        make_held_out(HeldOutRequest(tmp_path), Progress())
 
 
 def test_training_needs_no_renderer():

@@ -37,7 +37,7 @@ from ia_bench_training.saving import save_network
 from ia_bench_training.settings import TrainSettings
 from ia_bench_training.speed import compiles, trains_in_bf16
 from ia_bench_training.validation import score_single_view
-from ia_bench_training.world.images import WorldImages
+from ia_bench_training.world.images import Mixture, WorldImages
 from ia_bench_training.world.layout import WORLD
 
 PICTURES = 8  # images of a sample grid
@@ -87,6 +87,8 @@ class _Training:
         self.images: TrainingImages | WorldImages
         if (settings.data / WORLD).is_file():
             self.images = WorldImages(settings.data, settings.mixture, accelerator.device)
+        elif settings.mixture != Mixture():
+            raise InputError(f"mixture: expected none but for a world, found {settings.mixture} for {settings.data}, which is none")
         else:
             self.images = TrainingImages(settings.data, device=accelerator.device)
         self.held_out = TrainingImages(settings.validation, limit=settings.validation_images)

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.arguments import read_arguments
+from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.machine import settle_libraries
 from ia_bench.common.paths import make_writable
@@ -32,7 +33,7 @@ from ia_bench_training.cameras import draw_camera
 from ia_bench_training.draws import about_z
 from ia_bench_training.real_sources import closed_set
 from ia_bench_training.render import MIN_COVERAGE
-from ia_bench_training.shards import ShardInfo, shard_path, write_shard
+from ia_bench_training.shards import ShardInfo, read_info, shard_path, write_shard
 from ia_bench_training.world.views import load_mesh
 
 USAGE = """\
@@ -87,9 +88,11 @@ def photograph(asset: Assets, light: np.ndarray, rng: np.random.Generator, size:
 
 
 def make_held_out(request: HeldOutRequest, progress: Progress) -> None:
-    """Photograph what is held out."""
+    """Photograph what is held out. Raises InputError where that is there in another size."""
     make_writable(request.out, "out")
-    if shard_path(request.out, 0).is_file():
+    if (path := shard_path(request.out, 0)).is_file():
+        if (found := read_info(path).size) != request.size:
+            raise InputError(f"{path}: expected images of size={request.size}, found {found}; give another out= folder")
         return
     names = closed_set("held_out")
     lights = [_halved(read_light(request.real / name)) for name in names if name.startswith("lights/")]
@@ -104,7 +107,7 @@ def make_held_out(request: HeldOutRequest, progress: Progress) -> None:
             images.append(photograph(asset, light, np.random.default_rng([SEED, number, k]), request.size, request.samples))
         task.advance()
     tensors = {name: torch.stack([image[name] for image in images]) for name in images[0]}
-    write_shard(shard_path(request.out, 0), tensors, ShardInfo(seed=SEED, first=0, count=len(images), size=request.size))
+    write_shard(path, tensors, ShardInfo(seed=SEED, first=0, count=len(images), size=request.size))
 
 
 def _halved(radiance: np.ndarray) -> np.ndarray:

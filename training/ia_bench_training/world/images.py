@@ -51,9 +51,9 @@ class WorldImages:
         self.folder, self.size, self.seeds = folder, int(described["size"]), frozenset({int(described["seed"])})
         self.device, self.mixture = device, mixture
         kinds = [sorted(folder.glob(f"views_{kind}_*.safetensors")) for kind in KINDS]
+        if not kinds[0]:
+            raise InputError(f"{folder}: expected views_{KINDS[0]}_*.safetensors, found none yet")
         parts = [load_file(path) for path in [*kinds[0], *kinds[1]]]
-        if not parts:
-            raise InputError(f"{folder}: expected views_*.safetensors, found none yet")
         counts = [part["start"].diff() for part in parts]
         per_view = ("start", "atlas", "camera")
         self._pixels = {name: torch.cat([part[name] for part in parts]).to(device) for name in parts[0] if name not in per_view}

@@ -12,6 +12,7 @@ from typing import Annotated
 import numpy as np
 import torch
 from pydantic import Field
+from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
@@ -75,6 +76,7 @@ def make_world(request: WorldRequest, progress: Progress) -> None:
     if place.is_file() and json.loads(place.read_text()) != described:
         raise InputError(f"{place}: expected the same size, seed, views and real meshes, found others; give another out= folder")
     place.write_text(json.dumps(described))
+    _refuse_others(request)
     if not (request.out / BANKS).is_file():
         _save(request.out / BANKS, _banks(request, meshes, progress))
     jobs: list[tuple[WorldRequest, int, int, list[Path]]] = []
@@ -84,6 +86,20 @@ def make_world(request: WorldRequest, progress: Progress) -> None:
     task = progress.task("files of views", len(jobs))
     for _ in share_out(_trace, jobs, workers=request.workers):
         task.advance(1)
+
+
+def _refuse_others(request: WorldRequest) -> None:
+    """Banks are made once, and training takes all views that there are."""
+    beyond = sorted(request.out.glob(f"views_{KINDS[0]}_*"))[-(-request.objects // PART) :]
+    if beyond:
+        raise InputError(f"{beyond[0]}: expected the views of objects={request.objects}, found more; give another out= folder")
+    if (request.out / BANKS).is_file():
+        with safe_open(request.out / BANKS, "pt") as file:
+            counts = [file.get_slice(name).get_shape()[0] for name in ("tiles.mean", "lights")]
+            tiles, lights = (count - real for count, real in zip(counts, file.get_tensor("real").tolist(), strict=True))
+        if (tiles, lights) != (request.tiles, request.lights):
+            expected = f"expected tiles={request.tiles} and lights={request.lights}"
+            raise InputError(f"{request.out / BANKS}: {expected}, found {tiles} and {lights}; give another out= folder")
 
 
 def _meshes(real: Path) -> list[Path]:
@@ -137,7 +153,8 @@ def _trace(request: WorldRequest, first: int, count: int, meshes: Sequence[Path]
         for shape in shapes:
             seen = views.trace(shape, rng, 2 if meshes else request.views, request.size)
             found, atlases = found + seen, atlases + [shape.atlas] * len(seen)
-    _save(path, views.gathered(found, atlases))
+    if found:
+        _save(path, views.gathered(found, atlases))
 
 
 def _stream(request: WorldRequest, *path: int) -> np.random.Generator:
