@@ -61,10 +61,7 @@ def test_gradients_lie_where_ours_do(pair: tuple[ForwardStage, TrackedScene]):
     scene.dr.backward(scene.dr.sum(scene.render(0, 256, 0)))
     scene.evaluate_gradients()
     theirs = scene.gradients()
-    leaves = {
-        "albedo": stage.material.albedo.clone().requires_grad_(),
-        "light": stage.light.radiance.clone().requires_grad_(),
-    }
+    leaves = {"albedo": stage.material.albedo.clone().requires_grad_(), "light": stage.light.radiance.clone().requires_grad_()}
     material, light = type(stage.material)(leaves["albedo"], stage.material.roughness), type(stage.light).of(leaves["light"])
     every = torch.arange(len(stage.gbuffer.pixel))
     renderer = Renderer(stage.surface, stage.rays)

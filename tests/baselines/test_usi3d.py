@@ -9,10 +9,7 @@ from training.test_dataset import shard
 from ia_bench.common.errors import InputError
 from ia_bench_baselines.usi3d.data import UnpairedImages
 from ia_bench_baselines.usi3d.losses import discriminator_loss, physical_error, picture_error
-from ia_bench_baselines.usi3d.networks import (
-    Discriminator,
-    instance_normalised,
-)
+from ia_bench_baselines.usi3d.networks import Discriminator, instance_normalised
 from ia_bench_training.shards import ShardInfo, write_shard
 
 

@@ -125,8 +125,7 @@ def test_a_plugin_that_spoils_standard_output_does_not_silence_what_comes_after(
 
 
 @pytest.mark.parametrize(
-    ("quota", "expected"),
-    [(None, 8), ("max 100000", 8), ("250000 100000", 2), ("50000 100000", 1), ("6400000 100000", 8)],
+    ("quota", "expected"), [(None, 8), ("max 100000", 8), ("250000 100000", 2), ("50000 100000", 1), ("6400000 100000", 8)]
 )
 def test_cores_are_those_that_a_container_has_time_for(
     quota: str | None, expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -257,12 +257,7 @@ f 1/1/1 2/2/1 3/3/1\nf 1/4/1 3/5/1 4/6/1
     (tmp_path / "mesh.obj").write_text(obj)
     mesh, notes = load_mesh(tmp_path / "mesh.obj")
     assert notes == ()  # normals are the file's
-    expected = {
-        (0, 0): [(0, 0), (0.5, 0.5)],
-        (1, 1): [(0.4, 0.4), (0.9, 0.9)],
-        (1, 0): [(0.4, 0)],
-        (0, 1): [(0.5, 0.9)],
-    }
+    expected = {(0, 0): [(0, 0), (0.5, 0.5)], (1, 1): [(0.4, 0.4), (0.9, 0.9)], (1, 0): [(0.4, 0)], (0, 1): [(0.5, 0.9)]}
     for position, uvs in expected.items():
         here = (mesh.vertices[:, :2] == position).all(1)
         np.testing.assert_allclose(sorted(map(tuple, mesh.uv[here])), uvs, atol=1e-6)

@@ -32,14 +32,7 @@ from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Camera, Mesh, Scene, View
 
 RENDER = RenderSettings(
-    samples=16,
-    subsamples=2,
-    texture=64,
-    light_height=16,
-    shadows="traced",
-    bounces=0,
-    coat="added",
-    metallic=False,
+    samples=16, subsamples=2, texture=64, light_height=16, shadows="traced", bounces=0, coat="added", metallic=False
 )
 TEXELS_ALONE = MultigridRates(albedo=0.0, roughness=0.0, metallic=0.0, light=0.0)
 SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=256)

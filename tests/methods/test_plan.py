@@ -11,15 +11,7 @@ from small_fit import RENDER, plan_of, scene_of
 
 from ia_bench.common.errors import InputError
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.plan import (
-    LIGHT_HEIGHTS,
-    TEXTURE_SIZES,
-    VIEWS_A_POINT,
-    Decision,
-    _normal_errors,
-    _Probe,
-    choose_prior_views,
-)
+from ia_bench.methods.plan import LIGHT_HEIGHTS, TEXTURE_SIZES, VIEWS_A_POINT, Decision, _normal_errors, _Probe, choose_prior_views
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Camera, Mesh, Scene
 

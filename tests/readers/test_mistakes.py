@@ -175,7 +175,7 @@ MISTAKES: dict[str, Mistakes] = {
         "a light beyond": (
             edited("train_000/metadata.json", lambda m: m.update(envmap_inten=1e38)),
             r"train_000/metadata\.json: envmap_inten: expected a number up to 1e\+12, found 1e\+38",
-        ),
+        )
     },
     "synthetic4relight": {
         "a folder for frames": (

@@ -15,10 +15,7 @@ from ia_bench.render.renderer import Renderer
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene
 
-pytestmark = [
-    pytest.mark.gpu,
-    pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU that torch finds"),
-]
+pytestmark = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU that torch finds")]
 DEVICES = ("cpu", "cuda")
 PIXELS = 512
 LIGHT = torch.rand(32, 64, 3, generator=torch.Generator().manual_seed(2)) ** 4

@@ -27,10 +27,7 @@ def test_bad_table_file_is_named() -> None:
         ("rowes: []", r"bad\.yaml: .*rowes"),
         ("rows: [{name: a, overrides: []}, {name: a, overrides: []}]", "expected different names, found a, a"),
         ("rows: [{name: a, overrides: []}]\nreference: b", "reference: unknown row 'b'"),
-        (
-            "rows: [{name: a, overrides: []}, {name: ab, overrides: []}]\ncurve: [abc]",
-            "curve: unknown row 'abc'",
-        ),
+        ("rows: [{name: a, overrides: []}, {name: ab, overrides: []}]\ncurve: [abc]", "curve: unknown row 'abc'"),
         ("captures: [{vews: 8}]", "unknown setting 'captures.vews'; did you mean 'captures.views'"),
         ("captures: [{views: 0}]", "captures.views: "),
         ("captures: []", "captures: expected at least one, found "),
@@ -43,10 +40,7 @@ def test_bad_table_file_is_named() -> None:
             "metrics: expected at least one, found ",
         ),
         ("seeds: [１]", "seeds.0: expected a whole number, found '１'"),
-        (
-            "captures: [{views: 8}, {views: 8}]\nrows: [{name: a, overrides: []}]",
-            "expected different names, found a, 8 views, a",
-        ),
+        ("captures: [{views: 8}, {views: 8}]\nrows: [{name: a, overrides: []}]", "expected different names, found a, 8 views, a"),
         ("captures: [{views: 8}]\nrows: [{name: a, overrides: [], captures: [8 vews]}]", "unknown capture '8 vews'"),
         ("includes: [bad.yaml]", "includes: expected tables that do not include each other, found bad.yaml in bad.yaml"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),

@@ -25,10 +25,7 @@ from ia_bench.scenes.scene import Scene
 def long_fits(problem: Problem, scene: Scene) -> dict[str, Found]:
     """The exact oracle and no prior, long enough to tell them apart."""
     settings = replace(SETTINGS, stage1_steps=120, stage2_steps=60, pixels=1024)
-    return {
-        "oracle": fit(problem, oracle(scene), settings, Record()),
-        "none": fit(problem, NoPrior(), settings, Record()),
-    }
+    return {"oracle": fit(problem, oracle(scene), settings, Record()), "none": fit(problem, NoPrior(), settings, Record())}
 
 
 def test_exact_oracle_recovers_the_albedo(problem: Problem, scene: Scene, long_fits: dict[str, Found]) -> None:
