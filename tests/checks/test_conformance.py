@@ -114,24 +114,3 @@ def test_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert " samples: albedo, specular: finite float32 tensors on the CPU, without gradient\n" in shown
     assert main([f"prior={Remembering.__module__}:Remembering"]) == 1
     assert "✗ the same geometry again: expected the same sample to the bit" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "or prior=NAME; --help lists them"),
-        (["prior=orcale"], "unknown prior 'orcale'; did you mean 'oracle'?"),
-        (["prior=oracle", "scene=hat"], "unknown setting of ia-bench check 'scene'"),
-        (["prior=oracle", "prior.options.noise=-1"], "prior.options.noise: expected 0 or more, found -1"),
-        (["prior=[", "prior.x"], "cannot read"),
-        (["regulariser"], "expected regulariser=NAME, found none"),
-        (["regulariser=parsimony", "regulariser.options.amount=["], "amount: expected"),
-        (["regulariser=parsimony", "regulariser.options.amount"], "amount: expected a number, found None"),
-    ],
-)
-def test_mistakes(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(arguments) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert message in err
-    assert err.count("\n") == 1

@@ -176,15 +176,6 @@ def test_the_command(
     (tmp_path / "empty").mkdir()
     assert main(["reader=native", f"scene.path={tmp_path / 'empty'}"]) == 1
     assert "scene.json: no such file" in capsys.readouterr().out
-    for words, message in [
-        (["reader=native", "prior=none"], "unknown setting of ia-bench check 'prior'"),
-        (["reader=nativ"], "unknown reader 'nativ'; did you mean 'native'?"),
-        (["reader=native", "scene.path=nowhere"], "no such folder"),
-        (["reader=native", "reader.options.uv=mash"], "unknown value of reader.options.uv: 'mash'; did you mean 'mesh'?"),
-        (["reader=collections:Counter"], "expected a class with read"),
-    ]:
-        assert main(words) == 2
-        assert message in capsys.readouterr().err
 
 
 def test_what_was_found_and_a_picture_of_it(tiny: Scene, tmp_path: Path) -> None:

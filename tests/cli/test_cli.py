@@ -166,8 +166,3 @@ def test_pages_of_tables_and_runs_need_no_torch():
     """Their pictures are drawn already."""
     code = "import sys, ia_bench.report.site.page, ia_bench.report.write\nassert {'torch', 'matplotlib'}.isdisjoint(sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
-
-
-def test_a_misspelt_command_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
-    assert any_command(["rapport"]) == 2
-    assert capsys.readouterr().err.startswith("ia_bench: unknown command 'rapport'; did you mean 'report'?")

@@ -91,24 +91,6 @@ def test_pictures_are_reduced_one_by_one_and_written_whole_or_not_at_all(tmp_pat
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["a_albedo.exr"]
 
 
-@pytest.mark.parametrize(
-    ("extra", "message"),
-    [
-        (["--prior", "difusion"], "did you mean 'prior=diffusion'|did you mean 'diffusion'"),
-        (["--prior", "oracle"], "needs ground truth"),
-        (["--prior", "none"], "provides nothing"),
-        (["--option", "steps"], "cannot read 'prior.options.steps'"),
-    ],
-)
-def test_mistakes_end_in_one_line(tmp_path, picture, capsys, extra, message):
-    import re
-
-    Image.fromarray(picture).save(tmp_path / "disc.png")
-    assert main([str(tmp_path / "disc.png"), "--out", str(tmp_path / "out"), *extra]) == 2
-    assert re.search(message, capsys.readouterr().err)
-    assert not (tmp_path / "out").exists()
-
-
 def test_values_of_a_photograph_and_its_mask(tmp_path, picture):
     """Alpha and mask multiply, an EXR is linear and premultiplied, sixteen bits reach white, a transparent colour cuts out."""
     Image.fromarray(picture).save(tmp_path / "disc.png")

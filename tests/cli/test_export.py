@@ -73,27 +73,6 @@ def test_photographs_for_a_network_are_written_again_by_the_command_beside_them(
         assert first == again
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["tiny", "out"], "expected --format NAME (native, "),
-        (["tiny", "out", "--format", "colmapp"], "unknown --format 'colmapp'; did you mean 'colmap'?"),
-        (["tiny", "--format", "dtu"], "expected SCENE OUT, a scene and a new folder, found tiny"),
-        (["tiny", "full", "--format", "dtu"], "full: expected a new folder, or an empty one, found files in it"),
-        (["tinny", "out", "--format", "dtu"], "'tinny'; did you mean 'tiny'?"),
-        (["tiny", "out", "--for", "prior", "--size", "4"], "--size: expected 8 to 8192 pixels, found 4"),
-        (["tiny", "out", "--format", "dtu", "--size", "64"], "--crop: expected them with --for prior, which alone heeds them"),
-        (["tiny", "out", "--format", "dtu", "capture.views=80"], "capture.views=80"),
-    ],
-)
-def test_a_mistake_is_one_line(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
-    Path("full").mkdir()
-    Path("full", "file").write_text("")
-    assert main(["export", *arguments]) == 2
-    assert says in capsys.readouterr().err.splitlines()[-1]
-    assert not Path("out").exists()
-
-
 # ---------------------------------------------------------------- what a format cannot hold
 def test_cameras_that_a_format_cannot_hold_are_refused(tiny: Scene, tmp_path: Path) -> None:
     camera = replace(tiny.train[3].camera, centre=(12.0, 16.0))

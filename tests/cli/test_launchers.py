@@ -135,21 +135,9 @@ def test_slurm_gets_one_array_and_every_setting(monkeypatch: pytest.MonkeyPatch,
 
 
 @needs("submitit")
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["launcher=submitit_slurm"], "launcher=submitit_slurm: Could not detect \"srun\""),
-        (["launcher=submitit_slurm", "launcher.cpu=4"], "unknown setting 'launcher.cpu'; did you mean 'launcher.cpus'?"),
-        (["launcher=submitit_slurm", "launcher.minutes=soon"], "launcher.minutes: expected a whole number, found 'soon'"),
-        (["launcher.attempts=0"], "launcher.attempts: expected 1 or more, found 0"),
-        (["launcher=slurm"], "unknown launcher 'slurm'"),
-    ],
-)  # fmt: skip
-def test_mistake_is_one_message(arguments: list[str], message: str, capfd: pytest.CaptureFixture[str]) -> None:
-    assert main(["device=cpu", "scenes=hat", *arguments]) == 2
-    said = capfd.readouterr().err
-    assert message in said
-    assert "Traceback" not in said
+def test_slurm_that_is_not_there_is_told(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["device=cpu", "scenes=hat", "launcher=submitit_slurm"]) == 2
+    assert 'launcher=submitit_slurm: Could not detect "srun"' in capfd.readouterr().err
 
 
 def test_a_missing_extra_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

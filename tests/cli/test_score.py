@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -96,27 +95,3 @@ def test_what_is_declared_is_marked_as_declared(asset_run: Path, pictures_run: P
     assert runs["declared_authors"].tolist() == ["Ada, Bo", None]
     printed = results_table(block(runs, ["theirs", "images"], ["tiny"], "tiny"), dict.fromkeys(["no reason given"], 1), made={})
     assert [row[-3] for row in printed.body] == ["3.5 (declared)", "–"]
-
-
-MISTAKES: dict[str, tuple[list[str], str]] = {
-    "nothing": (["--scene", "tiny", "seed=3"], "expected one mesh (.glb, .gltf, .obj) or folder of pictures, found seed=3"),
-    "no scene": (["RUN/asset.glb"], "--scene: expected the scene that it was recovered of"),
-    "other scene": (["RUN/asset.glb", "--scene", "hta"], "unknown scene"),
-    "a run": (["RUN", "--scene", "tiny"], "expected results of other software, found a run"),
-    "two": (["RUN/asset.glb", "b.glb", "--scene", "tiny"], "expected one mesh (.glb, .gltf, .obj) or folder of pictures, found "),
-    "absent": (["gone.glb", "--scene", "tiny"], "method.options.path="),
-    "another file": (["RUN/metrics.json", "--scene", "tiny"], "expected a mesh (.glb, .gltf, .obj) or a folder of pictures"),
-    "up": (["RUN/asset.glb", "--scene", "tiny", "--up", "x"], "unknown value of method.options.up: 'x'"),
-    "light absent": (["RUN/asset.glb", "--scene", "tiny", "--light", "gone.hdr"], "method.options.light="),
-    "beside pictures": (["RUN", "--pictures", "out", "--light-turn", "9", "seed=3"], "and OUT, found --light-turn, seed=3"),
-    "seconds": (["RUN/asset.glb", "--scene", "tiny", "--seconds", "-3"], "method.options.declared.seconds"),
-}
-
-
-@pytest.mark.parametrize("case", MISTAKES)
-def test_a_mistake_is_one_line_and_status_2(case: str, run: Path, capfd: Any) -> None:
-    arguments, said = MISTAKES[case]
-    assert main([text.replace("RUN", str(run)) for text in arguments]) == 2
-    shown = capfd.readouterr().err
-    assert said in shown
-    assert shown.count("\n") == 1

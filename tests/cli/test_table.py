@@ -4,7 +4,6 @@ Cells are real processes of `python -m ia_bench` in which tests/fake_run stands 
 """
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -88,30 +87,6 @@ def test_command_line_is_told_apart() -> None:
     request = parse(["table=ablations", "seeds=0,1", "scenes=hat,ship", "jobs=2", *overrides])
     assert request == TableRequest("ablations", ("hat", "ship"), (0, 1), 2, overrides)
     assert parse(["jobs=auto"]) == parse([]) == TableRequest()
-
-
-@pytest.mark.parametrize(
-    ("argument", "message"),
-    [
-        ("table=papper", "unknown table 'papper'; did you mean 'paper'?"),
-        ("seeds=0,x", "seeds.1: expected a whole number, found 'x'"),
-        ("seeds=1,０", "seeds.1: expected a whole number, found '０'"),
-        (f"seeds={'9' * 5000}", "seeds.0: expected "),
-        ("jobs=999999", f"jobs=999999: expected at most {len(os.sched_getaffinity(0))}, the cores that this process may use"),
-        ("scenes=hatt", "unknown scene 'hatt'; did you mean 'hat'?"),
-        ("scene.path=/tmp", "it has scenes=, seeds=, rows= and table="),
-        ("seeds=0,0", "seeds: expected each once, found 0 more than once"),
-        ("seds=1", "unknown setting 'seds'; did you mean 'seeds'?"),
-        ("paper", "expected SETTING=VALUE, found 'paper'"),
-    ],
-)
-def test_mistake_is_one_message_before_anything_runs(argument: str, message: str, capfd: pytest.CaptureFixture[str]) -> None:
-    assert main(["device=cpu", argument]) == 2
-    out, err = capfd.readouterr()
-    assert out == ""
-    assert message in err
-    assert "Traceback" not in err
-    assert started() == []
 
 
 @pytest.mark.parametrize(("given", "threads"), [([], 4), (["threads=3"], 3), (["++threads=3"], 3)])
