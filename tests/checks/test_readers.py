@@ -165,9 +165,7 @@ def test_what_cannot_be_scored_has_its_reason(tiny: Scene) -> None:
     }
 
 
-def test_the_command(
-    tiny_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_command(tiny_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # where the picture of the scene is left
     assert main(["reader=native", f"scene.path={tiny_folder}"]) == 0
     assert capsys.readouterr().out.splitlines()[-1].endswith(" passed, 0 failed, 0 skipped")

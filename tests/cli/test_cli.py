@@ -129,9 +129,7 @@ def test_help_describes_every_choice(capfd: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("system", ["Darwin", "Windows"])
-def test_another_system_is_refused_in_one_sentence(
-    system: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_system_is_refused(system: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(platform, "system", lambda: system)
     assert any_command(["run", "scene=tiny"]) == 2
     assert capsys.readouterr().err == f"ia_bench: expected Linux, found {system}; docs/usage.md says what ia_bench runs on\n"

@@ -90,9 +90,7 @@ def test_what_was_packed_is_verified_and_the_same_runs_give_the_same_bytes(
     assert list(states.values()) == ["verified"]
 
 
-def test_the_name_of_the_home_folder_is_taken_out_where_a_path_begins(
-    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_home_folder_is_taken_out_where_a_path_begins(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", "/home/somebody")
     run = shutil.copytree(runs / "none", tmp_path / "none")
     setup = json.loads((run / "config.json").read_text())
@@ -114,9 +112,7 @@ def test_a_manipulated_score_is_found_with_and_without_fitting_hashes(
     assert ("metrics.json: expected the hash in the manifest, found another one" in told) != hashed
 
 
-def test_a_manipulated_map_is_found_by_its_hash_and_by_its_scores(
-    runs: Path, pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_changed_map_is_found_by_both(runs: Path, pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def exchange(files: Files, folder: str) -> None:
         files[f"{folder}/albedo.exr"] = (runs / "oracle" / "albedo.exr").read_bytes()
 
@@ -201,7 +197,7 @@ def test_a_manifest_that_lists_what_leads_out_of_the_pack_writes_nothing_there(p
     assert (tmp_path / "deep" / "down" / "evil.txt").is_file()
 
 
-def test_a_board_has_rows_by_who_brought_them_and_marks_what_is_verified(
+def test_a_board_tells_who_brought_a_row_and_if_it_is_verified(
     runs: Path, pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = packed(runs / "oracle", tmp_path / "other.zip", "B. Other | <C>")
@@ -251,9 +247,7 @@ def test_what_cannot_be_packed_is_said(runs: Path, tmp_path: Path, capsys: pytes
     assert not (tmp_path / "a.zip").exists()
 
 
-def test_what_other_software_made_is_scored_again_from_its_pictures_or_its_asset(
-    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_others_made_is_scored_again_from_its_files(runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["score", str(runs / "none"), "--pictures", str(tmp_path / "pictures")]) == 0
     (tmp_path / "pictures" / "albedo").rename(tmp_path / "elsewhere")
     (tmp_path / "pictures" / "albedo").symlink_to(tmp_path / "elsewhere")

@@ -65,9 +65,7 @@ def test_a_view_of_any_split_is_seen(tiny: Scene) -> None:
         np.testing.assert_array_equal(frame.camera.to_world, view.camera.to_world)
 
 
-def test_a_still_is_transparent_and_lights_are_side_by_side(
-    ceiling: Path, light: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_stills_are_transparent_and_in_rows(ceiling: Path, light: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert relit(ceiling, [light, light], tmp_path / "a.png", "--exposure", "-1") == 0
     assert capsys.readouterr().out.count("side.exr: exposure -1.00 EV") == 2
     picture = np.asarray(Image.open(tmp_path / "a.png"))

@@ -144,9 +144,7 @@ def test_a_cell_whose_files_are_damaged_runs_again() -> None:
     assert curve.read_bytes() == whole
 
 
-def test_a_cell_that_cannot_write_why_it_failed_fails_alone(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_cell_that_cannot_say_why_fails_alone(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     def full(self: RunFolder, problem: str, labels: object) -> None:
         raise Fault("metrics.json: No space left on device")
 

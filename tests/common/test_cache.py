@@ -85,9 +85,7 @@ ENTRIES: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("name", ENTRIES)
-def test_entries_that_are_not_as_they_were_written_are_made_again(
-    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_entries_that_are_not_as_written_are_made_again(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
     cache = Cache(tmp_path)
     cache.put(KEY, TENSORS, ABOUT)
     ENTRIES[name](tmp_path / f"{KEY}.safetensors")

@@ -79,9 +79,7 @@ def test_a_share_that_cannot_write_down_an_entry_still_keeps_the_file(tmp_path: 
         (FloatingPointError("step 10: the loss is NaN"), "step 10: the loss is NaN"),
     ],
 )
-def test_a_full_disk_and_numbers_that_are_none_are_told_in_one_line(
-    error: Exception, said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_full_disk_and_numbers_that_are_none_are_told(error: Exception, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     def work() -> int:
         raise error
 
@@ -127,9 +125,7 @@ def test_a_plugin_that_spoils_standard_output_does_not_silence_what_comes_after(
 @pytest.mark.parametrize(
     ("quota", "expected"), [(None, 8), ("max 100000", 8), ("250000 100000", 2), ("50000 100000", 1), ("6400000 100000", 8)]
 )
-def test_cores_are_those_that_a_container_has_time_for(
-    quota: str | None, expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_cores_are_those_of_a_container(quota: str | None, expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = tmp_path / "cpu.max"
     if quota is not None:
         place.write_text(f"{quota}\n")

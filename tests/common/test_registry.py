@@ -229,9 +229,7 @@ def test_code_without_a_file_is_told_by_its_distribution(target: str) -> None:
     assert registry.foreign_code("prior", target) == "the command line, no file"
 
 
-def test_a_class_of_a_script_is_told_by_the_script_and_one_of_a_notebook_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_class_of_a_script_is_told_by_it_and_of_a_notebook_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     script = tmp_path / "script.py"
     script.write_text(GOOD)
     monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
@@ -253,8 +251,6 @@ def test_a_class_of_a_script_is_told_by_the_script_and_one_of_a_notebook_is_refu
         ("Inheriting", {"share": 1.0, "steps": 3, "strength": 1.0}, "unknown setting 'prior.options.strength'"),
     ],
 )
-def test_options_of_dataclasses_and_of_what_inherits_from_them_are_checked(
-    target: str, options: dict[str, Any], message: str
-) -> None:
+def test_options_of_dataclasses_and_of_their_heirs_are_checked(target: str, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=re.escape(message)):
         registry.create("prior", f"third_good:{target}", f"third_good:{target}", options)

@@ -50,9 +50,7 @@ def folder_of(views: list[View], folder: Path, write: Callable[[Path, np.ndarray
 
 
 @pytest.mark.parametrize(("write", "degrees"), [(write_png, 0.5), (write_half_exr, 0.05), (write_npy, 1e-3)])
-def test_each_format_is_read_as_what_was_written(
-    views: list[View], tmp_path: Path, write: Callable[[Path, np.ndarray], None], degrees: float
-) -> None:
+def test_each_format_is_read(views: list[View], tmp_path: Path, write: Callable[[Path, np.ndarray], None], degrees: float) -> None:
     found = given_normals(str(folder_of(views, tmp_path / "normals", write)), views)
     for view, normals in zip(views, found, strict=True):
         true = bowls.camera_normals(view)

@@ -207,9 +207,7 @@ def test_dark_texels_beside_a_sun_keep_their_share() -> None:
 @pytest.mark.parametrize("uniform_fraction", [0.0, 0.25])
 @pytest.mark.parametrize(("sun", "drawn_to"), [(1e6, 1e-5), (1e8, 3e-3)])
 @pytest.mark.parametrize("where", [(0, 0), (5, 16), (15, 31)])
-def test_shares_beside_a_sun_are_those_of_float64(
-    where: tuple[int, int], sun: float, drawn_to: float, uniform_fraction: float
-) -> None:
+def test_shares_beside_a_sun_are_of_float64(where: tuple[int, int], sun: float, drawn_to: float, uniform_fraction: float) -> None:
     """Of every texel, for every cell of normals: its density, and its share of the tables by which texels are drawn."""
     radiance = 0.1 + torch.rand(16, 32, 3, generator=torch.Generator().manual_seed(1))
     radiance[where] = sun

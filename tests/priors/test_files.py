@@ -115,9 +115,7 @@ def test_specular_is_in_the_units_of_the_photograph(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("crop", [False, True])
 @pytest.mark.parametrize("size", [None, 32, 64])
-def test_what_is_predicted_for_the_photographs_comes_back_to_its_place(
-    tmp_path: Path, tiny: Scene, crop: bool, size: int | None
-) -> None:
+def test_what_is_predicted_for_photographs_comes_to_its_place(tmp_path: Path, tiny: Scene, crop: bool, size: int | None) -> None:
     """A network that predicts a ramp across each photograph: it is found where the photograph showed it."""
     views = [replace(view, image=np.stack([view.mask * 0.5] * 3, -1)) for view in tiny.train[:2]]
     write_photographs(tmp_path, views, size=size, background="white", crop=crop)

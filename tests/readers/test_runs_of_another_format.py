@@ -17,9 +17,7 @@ SCORES = {"albedo": {"psnr": 20.0}}
 RECORD = RunRecord(row="none", scene="tiny", seed=0, protocol="none", config_hash="", status="ok", metrics=SCORES)
 
 
-def test_it_is_read_from_where_the_run_found_it(
-    tmp_path: Path, tiny: Scene, tiny_folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_is_read_from_where_the_run_did(tmp_path: Path, tiny: Scene, tiny_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A run on tiny in NeRFactor's layout, which named its files from the folder that it was started in."""
     write_nerfactor(tmp_path / "theirs" / "tiny", scene_to_write(tiny))
     monkeypatch.chdir(tmp_path / "theirs")

@@ -62,9 +62,7 @@ def test_a_wrong_file_is_the_users_mistake_and_a_wrong_scene_the_readers(
     assert f"ia_bench: {folder}/inputs/sfm_scene.json: camera_track_map.images.3.camera" in capsys.readouterr().err
 
 
-def test_what_the_check_of_a_scene_refuses_of_a_built_in_reader_is_the_users_mistake(
-    written: dict[str, tuple[Path, Options]], tmp_path: Path
-) -> None:
+def test_what_a_built_in_reader_may_not_give_is_the_users_mistake(written: dict[str, tuple[Path, Options]], tmp_path: Path) -> None:
     """Which the reader itself had not noticed."""
     folder = Path(shutil.copytree(written["neilf"][0], tmp_path / "tiny"))
     exr("inputs/images/003.exr", 3, lambda image: image * np.float32(1e30))(folder)

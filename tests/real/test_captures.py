@@ -19,9 +19,7 @@ IN_TIME = ("banana", "tankard")  # the others take a minute in all
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name in IN_TIME else [pytest.mark.slow]) for name in VIEWS])
-def test_a_capture_is_read_and_its_silhouettes_agree(
-    name: str, real_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_captures_are_read_and_silhouettes_fit(name: str, real_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
     entry = CAPTURES[name]
     folder = real_data / Path(entry.path).relative_to("results/real")

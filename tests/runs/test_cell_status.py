@@ -106,9 +106,7 @@ def test_what_is_no_table_is_one_sentence(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("key", ["folder", "log"])
 @pytest.mark.parametrize("place", ["a\0b", "a" * 300, "../../elsewhere", "/dev/zero"], ids=["NUL", "long", "above", "device"])
-def test_a_path_that_no_table_writes_is_one_sentence(
-    tmp_path: Path, key: str, place: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_path_that_no_table_writes_is_told(tmp_path: Path, key: str, place: str, capsys: pytest.CaptureFixture[str]) -> None:
     plan(tmp_path, ("a", 0))
     content = json.loads((tmp_path / "cells.json").read_text())
     content["cells"][0][key] = place

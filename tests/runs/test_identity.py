@@ -218,9 +218,7 @@ def test_the_precision_that_auto_means_is_part_of_the_hash(prior: str, monkeypat
     "overrides",
     [("prior=mine:Mine",), ("method=mine:Mine",), ("reader=mine:Mine",), ("prior=corrected", "prior.options.of='mine:Mine'")],
 )
-def test_hash_follows_the_code_of_what_is_not_built_in(
-    overrides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_hash_follows_code_of_ones_own(overrides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "mine", raising=False)
     body = """
@@ -239,9 +237,7 @@ def test_hash_follows_the_code_of_what_is_not_built_in(
     assert hash_with(*overrides) != before
 
 
-def test_hash_follows_the_code_of_the_coupling_that_a_prior_of_others_recommends(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_hash_follows_the_code_of_the_coupling_that_a_prior_recommends(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Which may be of a third distribution; what no run takes counts for nothing."""
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "theirs-1.dist-info").mkdir()

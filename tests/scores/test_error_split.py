@@ -63,9 +63,7 @@ def encoded_error(error: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("times", "encoding"), [(1.0, "linear"), (0.01, "srgb")], ids=["linear", "toe of the sRGB curve"])
 @pytest.mark.parametrize("brighter", [1.2, 0.7])
-def test_brightness_is_a_level_where_encoded_values_are_no_power_of_linear_ones(
-    times: float, encoding: Encoding, brighter: float
-) -> None:
+def test_brightness_is_a_level_where_encoding_is_no_power_of_values(times: float, encoding: Encoding, brighter: float) -> None:
     view = replace(pair_of(brighter * times * TRUE), true=times * TRUE)
     (found,) = split([view], flat(), Protocol(albedo_encoding=encoding))
     assert found.parts["level"] == pytest.approx(sum(found.parts.values()), rel=1e-4)

@@ -109,9 +109,7 @@ def test_every_render_is_drawn_in_two_halves_of_seeds_of_their_own() -> None:
 
 
 @pytest.mark.parametrize(("lights", "seeds"), [(1, (0, 0, 1, 1)), (None, (0, 0, 0, 1, 1, 1))])
-def test_a_curve_looks_at_a_view_under_the_training_light_and_so_many_novel_ones(
-    lights: int | None, seeds: tuple[int, ...]
-) -> None:
+def test_a_curve_looks_at_a_view_under_the_training_light_and_some_novel_ones(lights: int | None, seeds: tuple[int, ...]) -> None:
     ball = NoisyBall(albedo=(0.4, 0.5, 0.2), asked=([],))
     found = Scorer(ball_scene(), replace(HALVES, curve_samples=8, curve_lights=lights), torch.device("cpu")).quick(ball)
     assert ball.asked[0] == [Quality(3, 4, seed) for seed in seeds]

@@ -79,9 +79,7 @@ By = Callable[[Vectors, float], tuple[Tensor, Tensor]]
     ("roughness", "cosine"), [(MIN_ROUGHNESS, None), (0.1, None), (0.5, None), (1.0, None), (0.3, 1e-4), (0.3, 1e-6)]
 )
 @pytest.mark.parametrize("by", [by_torch, by_kernel])
-def test_float32_has_the_digits_of_float64_around_the_lobe_and_at_grazing_views(
-    by: By, roughness: float, cosine: float | None
-) -> None:
+def test_float32_is_as_float64_around_the_lobe_and_at_grazing_views(by: By, roughness: float, cosine: float | None) -> None:
     """Of the slope too, which is compared with central differences."""
     vectors = pairs(roughness, cosine)
     value, gradient = by(vectors, roughness)

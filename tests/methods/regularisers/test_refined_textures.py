@@ -77,9 +77,7 @@ def test_a_prior_that_knows_corrects_the_fit(problem: Problem, scene: Scene) -> 
 
 
 @pytest.mark.parametrize(("roughness", "bound"), [(-3.0, 0.03), (4.0, 1.0)])
-def test_what_a_correction_leads_out_of_range_is_brought_back_and_counted(
-    problem: Problem, scene: Scene, roughness: float, bound: float
-) -> None:
+def test_what_leaves_the_range_is_brought_back_and_counted(problem: Problem, scene: Scene, roughness: float, bound: float) -> None:
     truth, _ = true_views(problem, scene)
     found = refined(problem, Told(truth, roughness=roughness), 0.0, roughness=1.0)
     at_bound = int((found.material.roughness == torch.tensor(bound)).sum())

@@ -51,9 +51,7 @@ def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("image_loss", "samples", "taken"), [("dual_buffer", 24, 32), ("dual_buffer", 8, 16), ("l1", 24, 24), ("l1", 1, 8)]
 )
-def test_samples_are_those_that_the_renderer_takes(
-    problem: Problem, image_loss: str, samples: int, taken: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_so_many_are_sampled(problem: Problem, image_loss: str, samples: int, taken: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of pixels with 2 x 2 points; a step draws as many as the record says."""
     drawn, original = [], renderer_module.draw_samples
 

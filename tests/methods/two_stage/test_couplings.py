@@ -129,9 +129,7 @@ def test_stage_two_is_guided_by_renders(problem: Problem, scene: Scene) -> None:
         (NoCoupling(), None),
     ],
 )
-def test_what_has_no_weight_guides_nothing_and_is_not_asked(
-    problem: Problem, scene: Scene, coupling: Coupling, guided: set[str] | None
-) -> None:
+def test_what_has_no_weight_is_never_asked(problem: Problem, scene: Scene, coupling: Coupling, guided: set[str] | None) -> None:
     """An ablated component must not come back through the samples of the other one."""
     prior, told = noisy(scene)
     fit(coupled(problem, coupling), told, SETTINGS, Record())

@@ -122,9 +122,7 @@ def test_a_fit_takes_it_once_at_the_end(problem: Problem) -> None:
 
 
 @pytest.mark.parametrize(("coupling", "solved"), [(Kernel, True), (Targets, False)])
-def test_what_says_the_albedo_is_not_overruled_unless_it_is_asked_for(
-    problem: Problem, coupling: type[Coupling], solved: bool
-) -> None:
+def test_what_says_the_albedo_is_overruled_where_it_is_asked_for(problem: Problem, coupling: type[Coupling], solved: bool) -> None:
     """By the photographs alone."""
 
     def counts(on: bool | str) -> bool:

@@ -187,9 +187,7 @@ def slope(radiance: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.verify
-def test_gradient_of_a_step_is_that_of_independent_halves(
-    problem: Problem, record: Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_gradient_of_a_step_is_of_independent_halves(problem: Problem, record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
     """The optimiser is held still, so that every step asks at the same light m.
 
     By Gauss-Hermite quadrature in float64: the mean of one half's weight times the mean of the other's slope. The mean of

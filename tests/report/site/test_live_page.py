@@ -56,9 +56,7 @@ def told(results: Path, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, A
     return news(results)
 
 
-def test_a_watch_follows_the_runs_and_ctrl_c_ends_it(
-    results: Path, watched: subprocess.Popen[str], write_run_below: Callable[..., Path]
-) -> None:
+def test_a_watch_follows_until_ctrl_c(results: Path, watched: subprocess.Popen[str], write_run_below: Callable[..., Path]) -> None:
     first = told(results, lambda one: bool(one["cells"]))
     assert [cell[3] for cell in first["cells"]] == ["finished", "failed", "waiting", "waiting"]
     assert first["left"] == 120  # two cells of a minute each, one after the other

@@ -137,9 +137,7 @@ def test_a_perfect_run_looks_like_the_truth_once_it_is_aligned(drawn: tuple[Scen
     assert np.abs(found.sheets["light"][0] - truth.sheets["light"][0]).mean() < 0.01
 
 
-def test_a_run_that_recovered_no_light_is_pictured_without_what_needs_one(
-    drawn: tuple[SceneRenderer, Pictures], perfect_run: Path
-) -> None:
+def test_a_run_without_light_is_pictured_without_what_needs_one(drawn: tuple[SceneRenderer, Pictures], perfect_run: Path) -> None:
     (perfect_run / "light.exr").unlink()
     scene_renderer, truth = drawn
     run = Recovered(perfect_run)
@@ -173,9 +171,7 @@ def lacking(scene: Scene, *parts: str) -> Scene:
         }),
     ],
 )  # fmt: skip
-def test_only_what_needs_a_truth_that_is_missing_is_left_out(
-    tiny: Scene, perfect_run: Path, parts: list[str], left_out: dict[str, set[str]]
-) -> None:
+def test_only_what_needs_truth_is_left_out(tiny: Scene, perfect_run: Path, parts: list[str], left_out: dict[str, set[str]]) -> None:
     """What is drawn without it is still right: the run is the perfect one, whose render is the photograph."""
     scene_renderer, run = SceneRenderer(lacking(tiny, *parts)), Recovered(perfect_run)
     found = run.reconstruction(scene_renderer.stage)
