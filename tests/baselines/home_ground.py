@@ -2,15 +2,15 @@
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from ia_bench.checks.methods import Memory
 from ia_bench.light.latlong import texel_centres
 from ia_bench.material.textures import Material
-from ia_bench.methods.contract import Problem
+from ia_bench.methods.contract import Method, Problem
 from ia_bench.render.reconstruction import Quality, Reconstruction
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scenes.scene import Scene
@@ -56,22 +56,19 @@ def problem_of(scene: Scene) -> Problem:
     return Problem(scene.blind(), RENDER, note=lambda _: None)
 
 
-class Recovered(NamedTuple):
-    """PSNR of the albedo after one scale for all, dB, and mean squared error of the roughness, inside the object."""
+def check_recovered(method: Method, truth: Reconstruction, scene: Scene, *, albedo: float, roughness: float) -> None:
+    """Fit photographs that ``truth`` took with the cameras of ``scene``, and look inside the object with its test cameras.
 
-    albedo: float
-    roughness: float
-
-
-def compare(found: Reconstruction, truth: Reconstruction, scene: Scene) -> Recovered:
-    """Both as the test cameras see them, where the object covers the pixel."""
+    ``albedo``: the least PSNR after one scale for all, dB; ``roughness``: the largest mean squared error.
+    """
+    found = method.fit(problem_of(photographed(scene, truth)), seed=0, monitor=Memory().monitor()).reconstruction
     cameras = [view.camera for view in scene.test]
     its, true = (one.maps(cameras, ("albedo", "roughness"), points=4) for one in (found, truth))
     inside = np.concatenate([cover.ravel() for cover in true["albedo"].coverage]) > 0.999
-    albedo, reference = (np.concatenate([image.reshape(-1, 3) for image in maps["albedo"].images])[inside] for maps in (its, true))
-    scale = (albedo * reference).sum() / np.square(albedo).sum()
-    roughness = [np.concatenate([image.ravel() for image in maps["roughness"].images])[inside] for maps in (its, true)]
-    return Recovered(
-        albedo=float(-10 * np.log10(np.square(scale * albedo - reference).mean())),
-        roughness=float(np.square(roughness[0] - roughness[1]).mean()),
-    )
+    colours, reference = (np.concatenate([image.reshape(-1, 3) for image in maps["albedo"].images])[inside] for maps in (its, true))
+    scale = (colours * reference).sum() / np.square(colours).sum()
+    psnr = -10 * np.log10(np.square(scale * colours - reference).mean())
+    rough = [np.concatenate([image.ravel() for image in maps["roughness"].images])[inside] for maps in (its, true)]
+    error = np.square(rough[0] - rough[1]).mean()
+    assert psnr >= albedo, (psnr, error)
+    assert error <= roughness, (psnr, error)

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.light.environment import Environment, LatLongEnvironment
+from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.material.textures import Material, fetch
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.indirect import Atlas
@@ -19,6 +20,9 @@ from tests.baselines.home_ground import smooth_light
 Shade = Callable[[SurfacePoints, Tensor, Tensor, Tensor], Tensor]  # points, material (N, C), directions (D, 3), light (N, D, 3)
 Draw = Callable[[torch.Generator], Tensor]
 BOUNCES, DIRECTIONS, POINTS_AT_ONCE = 3, 256, 512
+NORMAL = torch.tensor([0.0, 0.6, 0.8])
+VIEW = torch.nn.functional.normalize(torch.tensor([0.5, 0.2, 0.7]), dim=0)
+COLOUR = torch.tensor([0.2, 0.5, 0.8])
 
 
 class Reflecting(ShadedReconstruction):
@@ -45,6 +49,17 @@ class Reflecting(ShadedReconstruction):
             return radiance
 
         super().__init__(stage, material, renderer="home ground", environment=light, shader=shader)
+
+
+def directions(rows: int = 256) -> tuple[Tensor, Tensor]:
+    """Unit directions (T, 3) all over the sphere and the solid angle of each, float64."""
+    return texel_centres(rows, 2 * rows).double().reshape(-1, 3), row_solid_angles(rows, 2 * rows).repeat_interleave(2 * rows)
+
+
+def some_directions() -> Tensor:
+    """200 unit directions, and that which mirrors VIEW at NORMAL."""
+    drawn = torch.randn(200, 3, generator=torch.Generator().manual_seed(0))
+    return torch.nn.functional.normalize(torch.cat([drawn, (2 * (NORMAL @ VIEW) * NORMAL - VIEW)[None]]), dim=1)
 
 
 def points_at(normal: Tensor, view: Tensor) -> SurfacePoints:

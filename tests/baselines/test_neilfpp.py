@@ -8,8 +8,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from ia_bench.checks.methods import Memory
-from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Mesh, Scene
@@ -18,8 +16,8 @@ from ia_bench_baselines.neilfpp.fields import FREQUENCIES, HashGrid, IncidentFie
 from ia_bench_baselines.neilfpp.losses import OUTGOING_SHARE, scharr_edges, second_hits, trace_loss
 from ia_bench_baselines.neilfpp.method import Neilfpp, NeilfppOptions
 from ia_bench_baselines.neilfpp.shading import quadrature, reflect, sphere_directions
-from tests.baselines.home_ground import compare, photographed, problem_of, smooth_material
-from tests.baselines.reflecting import Reflecting, points_at
+from tests.baselines.home_ground import check_recovered, problem_of, smooth_material
+from tests.baselines.reflecting import COLOUR, NORMAL, VIEW, Reflecting, directions, points_at, some_directions
 
 
 def brute_force(normal: Tensor, view: Tensor, incident: Tensor, colour: Tensor, roughness: float, metallic: float) -> Tensor:
@@ -37,38 +35,28 @@ def brute_force(normal: Tensor, view: Tensor, incident: Tensor, colour: Tensor, 
 
 @pytest.mark.parametrize(("roughness", "metallic"), [(0.15, 0.0), (0.4, 0.7), (1.0, 0.2)])
 def test_one_direction_is_the_brdf_in_float64(roughness: float, metallic: float):
-    generator = torch.Generator().manual_seed(0)
-    normal = torch.tensor([0.0, 0.6, 0.8])
-    view = torch.nn.functional.normalize(torch.tensor([0.5, 0.2, 0.7]), dim=0)
-    mirrored = 2 * (normal @ view) * normal - view
-    incident = torch.nn.functional.normalize(torch.cat([torch.randn(200, 3, generator=generator), mirrored[None]]), dim=1)
-    colour = torch.tensor([0.2, 0.5, 0.8])
-    material = colour[None], torch.tensor([[roughness]]), torch.tensor([[metallic]])
-    point = points_at(normal[None], view[None])
-    one = torch.ones(1, 1)
+    material, incident = (COLOUR[None], torch.tensor([[roughness]]), torch.tensor([[metallic]])), some_directions()
+    point, one = points_at(NORMAL[None], VIEW[None]), torch.ones(1, 1)
     found = torch.cat([reflect(point, material, way[None, None], one, torch.ones(1, 1, 3)) for way in incident])
-    true = brute_force(normal.double(), view.double(), incident.double(), colour.double(), roughness, metallic)
+    true = brute_force(NORMAL.double(), VIEW.double(), incident.double(), COLOUR.double(), roughness, metallic)
     torch.testing.assert_close(found.double(), true, rtol=5e-3, atol=1e-5)
 
 
 @pytest.mark.parametrize("roughness", [0.3, 0.8])
 def test_many_directions_are_the_integral(roughness: float):
     """Against a quadrature over a lat-long grid, under light that differs by channel and direction."""
-    normal, view = torch.tensor([0.0, 0.6, 0.8]), torch.nn.functional.normalize(torch.tensor([0.5, 0.2, 0.7]), dim=0)
-    colour, rows = torch.tensor([0.2, 0.5, 0.8]), 256
 
-    def light(directions: Tensor) -> Tensor:
-        return 1 + directions + torch.exp(5 * (directions @ directions.new_tensor([0.0, 0.8, 0.6]) - 1))[:, None]
+    def light(along: Tensor) -> Tensor:
+        return 1 + along + torch.exp(5 * (along @ along.new_tensor([0.0, 0.8, 0.6]) - 1))[:, None]
 
-    grid = texel_centres(rows, 2 * rows).double().reshape(-1, 3)
-    area = row_solid_angles(rows, 2 * rows).repeat_interleave(2 * rows)
-    value = brute_force(normal.double(), view.double(), grid, colour.double(), roughness, 0.3)
+    grid, area = directions()
+    value = brute_force(NORMAL.double(), VIEW.double(), grid, COLOUR.double(), roughness, 0.3)
     true = (value * light(grid) * area[:, None]).sum(0)
-    material = colour[None], torch.tensor([[roughness]]), torch.tensor([[0.3]])
-    point = points_at(normal[None], view[None])
+    material = COLOUR[None], torch.tensor([[roughness]]), torch.tensor([[0.3]])
+    point = points_at(NORMAL[None], VIEW[None])
     around = quadrature(point, material[1], 2**14, 2**12, torch.Generator().manual_seed(0))
-    directions = around.of_points()
-    found = reflect(point, material, directions, around.weight, light(directions[0])[None])
+    every = around.of_points()
+    found = reflect(point, material, every, around.weight, light(every[0])[None])
     torch.testing.assert_close(found[0].double(), true, rtol=5e-3, atol=0)
 
 
@@ -152,25 +140,16 @@ def test_the_trace_loss_is_the_distance_to_what_the_other_plane_sends(facing: St
 
 
 # ---- the method --------------------------------------------------------------------------------------------------------
-def home_ground(tiny: Scene) -> tuple[Scene, Reflecting]:
+@pytest.mark.slow
+def test_on_its_home_ground_it_recovers_the_material(tiny: Scene):
     """Photographs by its own sums over directions, of incident light that other parts of the object send or hide."""
 
     def shade(points: SurfacePoints, values: Tensor, directions: Tensor, light: Tensor) -> Tensor:
         colour, roughness, metallic = values.split((3, 1, 1), 1)
         every = directions.expand(len(light), -1, -1)
-        return reflect(
-            points, (colour, roughness, metallic), every, torch.full(every.shape[:2], 4 * math.pi / len(directions)), light
-        )
+        weight = torch.full(every.shape[:2], 4 * math.pi / len(directions))
+        return reflect(points, (colour, roughness, metallic), every, weight, light)
 
     material = smooth_material(metallic=True)
     truth = Reflecting(problem_of(tiny).stage, material, shade, lambda generator: sphere_directions(512, generator))
-    return photographed(tiny, truth), truth
-
-
-@pytest.mark.slow
-def test_on_its_home_ground_it_recovers_the_material(tiny: Scene):
-    scene, truth = home_ground(tiny)
-    found = Neilfpp(NeilfppOptions()).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
-    recovered = compare(found.reconstruction, truth, scene)
-    assert recovered.albedo >= 18, recovered  # the aims are 30 and .01: see the card
-    assert recovered.roughness <= 0.045, recovered
+    check_recovered(Neilfpp(NeilfppOptions()), truth, tiny, albedo=18, roughness=0.045)  # the aims are 30 and .01: see the card

@@ -7,8 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from ia_bench.checks.methods import Memory
-from ia_bench.light.latlong import row_solid_angles, texel_centres
+from ia_bench.light.latlong import texel_centres
 from ia_bench.material.textures import splat
 from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.common.pixels import TrainingPixels
@@ -17,12 +16,8 @@ from ia_bench_baselines.nvdiffrec.fit import reconstruction
 from ia_bench_baselines.nvdiffrec.method import Nvdiffrec, NvdiffrecOptions
 from ia_bench_baselines.nvdiffrec.prefilter import PrefilteredLight, lobe_kernel
 from ia_bench_baselines.nvdiffrec.split_sum import shade
-from tests.baselines.home_ground import compare, photographed, problem_of, smooth_light, smooth_material
-
-
-def directions(rows: int) -> tuple[Tensor, Tensor]:
-    """Unit directions (T, 3) all over the sphere and the solid angle of each, float64."""
-    return texel_centres(rows, 2 * rows).double().reshape(-1, 3), row_solid_angles(rows, 2 * rows).repeat_interleave(2 * rows)
+from tests.baselines.home_ground import check_recovered, problem_of, smooth_light, smooth_material
+from tests.baselines.reflecting import directions
 
 
 def brute_force(light: Callable[[Tensor], Tensor], view: Tensor, roughness: float, f0: float) -> Tensor:
@@ -111,9 +106,5 @@ def test_what_no_step_can_reach_is_filled(tiny: Scene):
 def test_on_its_home_ground_it_recovers_the_material(tiny: Scene):
     """Photographs by split sums themselves: what is left is what they do not tell, and how far 2000 steps come."""
     truth = reconstruction(problem_of(tiny), smooth_material(metallic=True), smooth_light())
-    scene = photographed(tiny, truth)
     options = NvdiffrecOptions(steps=2000, light_rate=0.03, smooth_material=0.03)
-    found = Nvdiffrec(options).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
-    recovered = compare(found.reconstruction, truth, scene)
-    assert recovered.albedo >= 30, recovered
-    assert recovered.roughness <= 0.01, recovered
+    check_recovered(Nvdiffrec(options), truth, tiny, albedo=30, roughness=0.01)

@@ -9,7 +9,7 @@ from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.nvdiffrecmc.denoiser import Guides, denoise
 from ia_bench_baselines.nvdiffrecmc.fit import Fit
 from ia_bench_baselines.nvdiffrecmc.method import Nvdiffrecmc, NvdiffrecmcOptions
-from tests.baselines.home_ground import compare, photographed, problem_of, smooth_light, smooth_material
+from tests.baselines.home_ground import check_recovered, problem_of, smooth_light, smooth_material
 
 HEIGHT, WIDTH = 23, 31
 
@@ -62,11 +62,6 @@ def test_on_its_home_ground_it_recovers_the_material(tiny: Scene):
 
     With 64 samples, since an L1 of noisy pixels pulls roughness and metal: see the card, also for why it is not 30 dB.
     """
-    problem = problem_of(tiny)
-    truth = TexturedReconstruction(problem.stage, smooth_material(metallic=True), smooth_light(), coat="added")
-    scene = photographed(tiny, truth)
+    truth = TexturedReconstruction(problem_of(tiny).stage, smooth_material(metallic=True), smooth_light(), coat="added")
     options = NvdiffrecmcOptions(steps=1000, samples=64, light_rate=0.1)
-    found = Nvdiffrecmc(options).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
-    recovered = compare(found.reconstruction, truth, scene)
-    assert recovered.albedo >= 23.5, recovered
-    assert recovered.roughness <= 0.02, recovered
+    check_recovered(Nvdiffrecmc(options), truth, tiny, albedo=23.5, roughness=0.02)

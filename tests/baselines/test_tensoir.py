@@ -7,8 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
-from ia_bench.checks.methods import Memory
-from ia_bench.light.latlong import row_solid_angles, texel_centres
+from ia_bench.light.latlong import row_solid_angles
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians, fibonacci_axes
@@ -18,8 +17,8 @@ from ia_bench_baselines.tensoir.method import Tensoir as TensoirMethod
 from ia_bench_baselines.tensoir.method import TensoirOptions
 from ia_bench_baselines.tensoir.model import LINES, PLANES, Tensoir, VectorMatrix, arriving_light
 from ia_bench_baselines.tensoir.shading import reflect
-from tests.baselines.home_ground import compare, photographed, problem_of, smooth_material
-from tests.baselines.reflecting import Reflecting, points_at
+from tests.baselines.home_ground import check_recovered, problem_of, smooth_material
+from tests.baselines.reflecting import COLOUR, NORMAL, VIEW, Reflecting, directions, points_at, some_directions
 
 SMALL = TensoirOptions(
     radiance_steps=4, coarse_steps=3, fine_steps=4, radiance_pixels=64, pixels=32, directions=12, rendered_directions=32, lobes=16,
@@ -68,35 +67,26 @@ def brute_force(normal: Tensor, view: Tensor, incident: Tensor, albedo: Tensor, 
 
 @pytest.mark.parametrize("roughness", [0.09, 0.3, 0.99])
 def test_one_direction_is_the_brdf_in_float64(roughness: float):
-    generator = torch.Generator().manual_seed(0)
-    normal = torch.tensor([0.0, 0.6, 0.8])
-    view = torch.nn.functional.normalize(torch.tensor([0.5, 0.2, 0.7]), dim=0)
-    mirrored = 2 * (normal @ view) * normal - view
-    incident = torch.nn.functional.normalize(torch.cat([torch.randn(200, 3, generator=generator), mirrored[None]]), dim=1)
-    albedo, one = torch.tensor([[0.2, 0.5, 0.8]]), torch.ones(1)
-    point, rough = points_at(normal[None], view[None]), torch.tensor([[roughness]])
-    found = torch.cat([reflect(point, albedo, rough, way[None], one, torch.ones(1, 1, 3)) for way in incident])
-    true = brute_force(normal.double(), view.double(), incident.double(), albedo[0].double(), roughness)
+    point, rough, one, incident = points_at(NORMAL[None], VIEW[None]), torch.tensor([[roughness]]), torch.ones(1), some_directions()
+    found = torch.cat([reflect(point, COLOUR[None], rough, way[None], one, torch.ones(1, 1, 3)) for way in incident])
+    true = brute_force(NORMAL.double(), VIEW.double(), incident.double(), COLOUR.double(), roughness)
     torch.testing.assert_close(found.double(), true, rtol=1e-2, atol=1e-5)
 
 
 def test_drawn_directions_add_up_to_the_integral():
     """Few directions, on average over their draws, against a quadrature; of a sun and of a smooth light, at two roughnesses."""
-    normal, view = torch.tensor([0.0, 0.6, 0.8]), torch.nn.functional.normalize(torch.tensor([0.5, 0.2, 0.7]), dim=0)
     axes = torch.nn.functional.normalize(torch.tensor([[0.0, 0.9, 0.5], [0.3, -0.5, 0.8]]), dim=1)
     lobes = SphericalGaussians(axes, torch.tensor([400.0, 2.0]), torch.tensor([[50.0, 40, 30], [0.5, 1, 2]]))
-    albedo, rows, draws = torch.tensor([[0.2, 0.5, 0.8]]), 256, 4000
-    grid = texel_centres(rows, 2 * rows).double().reshape(-1, 3)
-    area = row_solid_angles(rows, 2 * rows).repeat_interleave(2 * rows)
+    (grid, area), draws = directions(), 4000
     light = SphericalGaussians(*(part.double() for part in lobes)).radiance(grid)
-    points = points_at(normal.expand(draws, 3), view.expand(draws, 3))
+    points = points_at(NORMAL.expand(draws, 3), VIEW.expand(draws, 3))
     for roughness in (0.25, 0.6):
-        value = brute_force(normal.double(), view.double(), grid, albedo[0].double(), roughness)
+        value = brute_force(NORMAL.double(), VIEW.double(), grid, COLOUR.double(), roughness)
         true = (value * light * area[:, None]).sum(0)
         rough = torch.full((draws, 1), roughness)
         drawn = draw_directions(lobes, points, rough, 32, torch.Generator().manual_seed(0))
         torch.testing.assert_close(drawn.direction.norm(dim=-1), torch.ones(draws, 32))
-        found = reflect(points, albedo.expand(draws, 3), rough, drawn.direction, drawn.weight, drawn.radiance)
+        found = reflect(points, COLOUR.expand(draws, 3), rough, drawn.direction, drawn.weight, drawn.radiance)
         torch.testing.assert_close(found.mean(0).double(), true, rtol=5e-3, atol=0)
         assert float((found.std(0) / found.mean(0)).max()) < 0.25
 
@@ -155,9 +145,9 @@ def cells(rows: int, generator: torch.Generator) -> Tensor:
     return torch.stack([radius * azimuth.cos(), radius * azimuth.sin(), z], -1).reshape(-1, 3)
 
 
-@pytest.fixture
-def at_home(tiny: Scene) -> tuple[Scene, Reflecting]:
-    """Photographs by its own sums over directions, of light that other parts of the object send or hide; and their truth."""
+@pytest.mark.slow
+def test_on_its_home_ground_it_recovers_the_material(tiny: Scene):
+    """Photographs by its own sums over directions, of light that other parts of the object send or hide."""
     rows = 16
     solid_angles = row_solid_angles(rows, 2 * rows).repeat_interleave(2 * rows).float()
 
@@ -166,13 +156,6 @@ def at_home(tiny: Scene) -> tuple[Scene, Reflecting]:
         return reflect(points, albedo, roughness, directions.expand(len(light), -1, -1), solid_angles, light)
 
     truth = Reflecting(problem_of(tiny).stage, smooth_material(), shade, lambda generator: cells(rows, generator))
-    return photographed(tiny, truth), truth
-
-
-@pytest.mark.slow
-def test_on_its_home_ground_it_recovers_the_material(at_home: tuple[Scene, Reflecting]):
-    scene, truth = at_home
-    found = TensoirMethod(TensoirOptions()).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
-    recovered = compare(found.reconstruction, truth, scene)
-    assert recovered.albedo >= 19.5, recovered  # the aims are 30 and .01: see the card
-    assert recovered.roughness <= 0.05, recovered
+    check_recovered(
+        TensoirMethod(TensoirOptions()), truth, tiny, albedo=19.5, roughness=0.05
+    )  # the aims are 30 and .01: see the card
