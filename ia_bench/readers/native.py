@@ -18,7 +18,7 @@ from ia_bench.geometry.mesh import load_mesh
 from ia_bench.readers.cameras import Lens, camera, expect_size_of, frames_if_there, frames_of, lens, text
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.exr import expect_radiance, read_exr
+from ia_bench.scenes.exr import expect_radiance, read_exr, read_light
 from ia_bench.scenes.photograph import expect_size, greyscale, open_picture, picture_values
 from ia_bench.scenes.scene import Mesh, Scene, Truth, View
 
@@ -129,7 +129,7 @@ class NativeReader:
         textures = {name: (path, open_picture(path)) for name, path in listed("truth_textures", file_below).items()}
         albedo = srgb_to_linear(picture_values(*textures["albedo"])[..., :3]) if "albedo" in textures else None
         roughness, metallic = (greyscale(*textures[name]) if name in textures else None for name in ("roughness", "metallic"))
-        return Truth({name: read_exr(path, 3) for name, path in listed("lights", _light).items()}, albedo, roughness, metallic)
+        return Truth({name: read_light(path) for name, path in listed("lights", _light).items()}, albedo, roughness, metallic)
 
 
 def _light(folder: Path, value: object, where: str) -> Path:
