@@ -16,6 +16,7 @@ Columns of :class:`Runs`, empty where a run has none (None for a text, NaN for a
     cpu_seconds             the same in CPU seconds of all cores
     load                    how many programs wanted each core at that time
     declared, declared_...  "yes" where these seconds are what somebody says of results made elsewhere, and what else they say
+    rescored_from_...       of a run that was scored again: hash, protocol and commits of the one whose results these are
     peak_memory_bytes, rays, network_calls
     folder                  where it lies; of a published run, the runs.csv
     reasons                 metric key -> why its score is undefined
