@@ -40,6 +40,11 @@ MISTAKES = [
     ("export tiny out --for prior --size 4", "--size: expected 8 to 8192 pixels, found 4"),
     ("export tiny out --format dtu --size 64", "--crop: expected them with --for prior, which alone heeds them"),
     ("export tiny out --format dtu capture.views=80", "capture.views=80"),
+    ("report . --out out --only", "--only: expected --table NAME beside it, found none"),
+    ("report nowhere --out out", "nowhere: expected a folder with runs, found none"),
+    ("report . --out out", "expected at least one run's metrics.json, found none"),
+    ("report . --out out --table papper", "unknown table 'papper'; did you mean 'paper'?"),
+    ("report RUN --out out --reference nobody", "reference: expected one of the rows ceiling, found nobody"),
     ("score --scene tiny seed=3", f"{ONE_MESH}seed=3"),
     ("score RUN/asset.glb", "--scene: expected the scene that it was recovered of"),
     ("score RUN/asset.glb --scene hta", "unknown scene"),
@@ -63,6 +68,10 @@ MISTAKES = [
     ("table device=cpu paper", "expected SETTING=VALUE, found 'paper'"),
     ("table device=cpu scenes=hat launcher.attempts=0", "launcher.attempts: expected 1 or more, found 0"),
     ("table device=cpu scenes=hat launcher=slurm", "unknown launcher 'slurm'"),
+    ("watch nowhere", "nowhere: expected a folder with runs, found none"),
+    ("watch .", "expected the results of a table, which has a cells.json, found none"),
+    ("watch . --every 0", "--every: expected 0.2 to 86400 seconds, found 0"),
+    ("watch . --every inf", "--every: expected 0.2 to 86400 seconds, found inf"),
 ]
 OF_SLURM = {
     "launcher.cpu=4": "unknown setting 'launcher.cpu'; did you mean 'launcher.cpus'?",
@@ -85,4 +94,5 @@ def test_a_mistake_is_one_sentence(
     assert out == ""
     assert said in err
     assert err.count("\n") == 1, "one line, and no traceback"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["disc.png", "full"]
+    assert {path.name for path in tmp_path.iterdir()} <= {"disc.png", "full", "out"}
+    assert not list(Path("out").rglob("*.*")), "nothing is written"

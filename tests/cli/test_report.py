@@ -68,26 +68,6 @@ def test_a_file_beside_the_runs_that_a_shell_has_named_is_passed_over(tmp_path: 
     assert "nowhere: expected a folder with runs, found none" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([".", "--out", "out", "--only"], "--only: expected --table NAME beside it, found none"),
-        (["nowhere", "--out", "out"], "nowhere: expected a folder with runs, found none"),
-        ([".", "--out", "out"], "expected at least one run's metrics.json, found none"),
-        ([".", "--out", "out", "--table", "papper"], "unknown table 'papper'; did you mean 'paper'?"),
-        (["runs", "--out", "out", "--reference", "nobody"], "reference: expected one of the rows none, found nobody"),
-    ],
-)
-def test_a_mistake_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    if arguments[0] == "runs":
-        write_record(tmp_path / "runs" / "a", "none", 20.0)
-    assert main(arguments) == 2
-    assert message in capsys.readouterr().err
-
-
 def list_cells(results: Path, table: str, *cells: tuple[str, str, str]) -> None:
     """The cells.json of a table with this row, scene and folder of each cell."""
     same = {"seed": 0, "config_hash": "0" * 8, "log": "log"}

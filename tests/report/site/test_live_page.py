@@ -12,7 +12,6 @@ from typing import Any
 
 import pytest
 
-from ia_bench.cli.watch import main
 from ia_bench.runs.folder import lock_folder
 
 CELLS = [("none", 0), ("none", 1), ("kernel", 0), ("kernel", 1)]
@@ -99,21 +98,3 @@ def test_the_page_shows_the_cells_their_curves_and_what_has_finished_since(
     number.wait_for(timeout=1_200_000)  # the page loads itself again
     watched.send_signal(signal.SIGINT)
     page.wait_for_function("document.querySelector('#now-title').textContent.endsWith('when the watch ended')", timeout=1_200_000)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["nowhere"], "nowhere: expected a folder with runs, found none"),
-        (["."], "expected the results of a table, which has a cells.json, found none"),
-        ([".", "--every", "0"], "--every: expected 0.2 to 86400 seconds, found 0"),
-        ([".", "--every", "inf"], "--every: expected 0.2 to 86400 seconds, found inf"),
-    ],
-)
-def test_a_mistake_of_a_watch_is_one_line(
-    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(arguments) == 2
-    assert message in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
