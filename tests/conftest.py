@@ -14,15 +14,8 @@ from ia_bench.scenes.scene import Scene
 
 torch.set_num_threads(1)  # the arrays here are small: more threads only wait for each other
 
-FLAGS = (
-    "--no-sandbox",
-    "--disable-gpu",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--no-first-run",
-    "--disable-component-update",
-    "--disable-sync",
-)  # of Chromium
+FLAGS = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--disable-background-networking", "--no-first-run"]
+FLAGS += ["--disable-component-update", "--disable-sync"]  # of Chromium
 
 TINY = Path(__file__).resolve().parents[1] / "datasets" / "scenes" / "tiny"
 
@@ -56,6 +49,13 @@ def ceiling(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture
+def no_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache of this test's own, in which nothing is at first."""
+    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
 @pytest.fixture(scope="module")
 def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Where indirect light is baked once for all tests of a file, on an atlas of 32 x 32 texels in place of a score's."""
@@ -73,6 +73,6 @@ def browser() -> Iterator[Any]:
     if chromium is None:
         pytest.skip("needs a browser: apt-get install chromium")
     with sync.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=chromium, args=list(FLAGS))
+        opened = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
         yield opened
         opened.close()

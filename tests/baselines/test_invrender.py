@@ -7,7 +7,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from ia_bench.checks.methods import Memory
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.material.textures import Material
@@ -23,13 +22,10 @@ from ia_bench_baselines.invrender.method import InvRender, InvRenderOptions
 from ia_bench_baselines.invrender.model import ACTIVE, NARROWEST, LobeVisibility, sparsity
 from ia_bench_baselines.invrender.reconstruction import reconstruction
 from ia_bench_baselines.invrender.transport import Transport
-from tests.baselines.home_ground import compare, photographed, problem_of, smooth_light
+from tests.baselines.home_ground import check_recovered, smooth_light
 from tests.shapes import bowl
 
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
+pytestmark = pytest.mark.usefixtures("no_cache")
 
 
 @pytest.fixture
@@ -120,8 +116,4 @@ def test_on_its_home_ground_it_recovers_the_material(tiny: Scene, stage: Stage) 
     material = Material(known[..., :3].contiguous(), known[..., 3:].contiguous())
     light = fit.fit_light(LatLongEnvironment(smooth_light()))
     truth = reconstruction(stage, material, light, None)
-    scene = photographed(tiny, truth)
-    found = InvRender(options).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
-    recovered = compare(found.reconstruction, truth, scene)
-    assert recovered.albedo >= 26.5, recovered  # the aim is 30: see the card
-    assert recovered.roughness <= 0.01, recovered
+    check_recovered(InvRender(options), truth, tiny, albedo=26.5, roughness=0.01)  # the aim is 30: see the card

@@ -124,11 +124,6 @@ def test_drawn_directions_add_up_to_the_irradiance() -> None:
 
 
 # ---- fits of a light -------------------------------------------------------------------------------------------------
-@pytest.fixture
-def no_cache(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
-
-
 @pytest.mark.usefixtures("no_cache")
 def test_a_fit_finds_lobes_again_and_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fit, "STEPS", 150)

@@ -1,7 +1,6 @@
 """What a capture leaves out, one setting at a time, and that truth stays what it was."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +14,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.scenes.scene import Scene, View, farthest_first
 from ia_bench.scenes.turning import TurningLight
 
-
-@pytest.fixture(autouse=True)
-def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path / "cache"))
+pytestmark = pytest.mark.usefixtures("no_cache")
 
 
 def take(scene: Scene, **settings: object) -> Scene:
@@ -72,23 +68,24 @@ def made_up(values: list[float], mask: float = 1.0, name: str = "0") -> View:
     return View(name, camera, image * np.float32(mask), np.full((1, len(values)), mask, np.float32))
 
 
-def test_codes_by_hand() -> None:
+def test_codes_exposure_clip_and_saturation_by_hand(tiny: Scene) -> None:
     """sRGB of .5 is .7354, of .0015 in the linear part .01938; the codes are 187.5 and 4.94, rounded."""
     assert eight_bits(np.array([0.0, 0.0015, 0.5, 1.0, 3.0])).tolist() == [0, 5, 188, 255, 255]
+    # half of five pixels at most: 1, 2, 4, 6, 8 are exposed by 1/4, so 4 is the clip; codes of 1/4 and 1/2 are 137 and 188
+    (view,) = ldr([made_up([1, 2, 4, 6, 8], mask=0.6)], 50)
+    decoded = [((code / 255 + 0.055) / 1.055) ** 2.4 for code in (137, 188, 255, 255, 255)]
+    np.testing.assert_allclose(view.image[0, :, 0], 4 * 0.6 * np.array(decoded), rtol=1e-5)
+    assert view.valid[0].tolist() == [True, True, False, False, False]
+    scene = replace(tiny, train=(made_up([1, 2, 4, 6, 8]),))
+    assert take(scene, radiometry="ldr", percentile=50.0).saturated_share == pytest.approx(3 / 5)
+    with pytest.raises(InputError, match="expected light in all training views"):
+        ldr([made_up([0, 0])], 98)
 
 
 def ldr(views: list[View], percentile: float, **settings: object) -> tuple[View, ...]:
     """The views through eight bits, with their own masks."""
     chosen = CaptureSettings(radiometry="ldr", percentile=percentile, **settings)  # type: ignore[arg-type]
     return photographed(views, chosen, [view.mask for view in views])
-
-
-def test_exposure_clip_and_quantisation_by_hand() -> None:
-    """Half of five pixels at most: 1, 2, 4, 6, 8 are exposed by 1/4, so 4 is the clip; codes of 1/4 and 1/2 are 137 and 188."""
-    (view,) = ldr([made_up([1, 2, 4, 6, 8], mask=0.6)], 50)
-    decoded = [((code / 255 + 0.055) / 1.055) ** 2.4 for code in (137, 188, 255, 255, 255)]
-    np.testing.assert_allclose(view.image[0, :, 0], 4 * 0.6 * np.array(decoded), rtol=1e-5)
-    assert view.valid[0].tolist() == [True, True, False, False, False]
 
 
 def test_one_exposure_is_divided_out_and_many_are_not() -> None:
@@ -135,17 +132,6 @@ def test_only_what_was_clipped_counts_as_saturated(tiny: Scene) -> None:
     unknown = np.zeros(tiny.train[0].mask.shape, bool)
     read = replace(tiny, train=tuple(replace(view, valid=unknown) for view in tiny.train))
     assert record(take(read, **clipped), CaptureSettings())["saturated_share"] == 0.0
-
-
-def test_saturation_by_hand(tiny: Scene) -> None:
-    """Half of five pixels at most are below the clip: of 1, 2, 4, 6, 8 three are at it or beyond."""
-    scene = replace(tiny, train=(made_up([1, 2, 4, 6, 8]),))
-    assert take(scene, radiometry="ldr", percentile=50.0).saturated_share == pytest.approx(3 / 5)
-
-
-def test_a_black_capture_has_no_exposure() -> None:
-    with pytest.raises(InputError, match="expected light in all training views"):
-        ldr([made_up([0, 0])], 98)
 
 
 # ---------------------------------------------------------------- geometry

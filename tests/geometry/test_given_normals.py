@@ -17,11 +17,7 @@ from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.scene import Scene, View
 
 SIDE = 40
-
-
-@pytest.fixture(autouse=True)
-def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path / "cache"))
+pytestmark = pytest.mark.usefixtures("no_cache")
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 Rays are counted, and the change of the picture is bounded in dB of sRGB, peak 1, noise of 256 samples a pixel included.
 """
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -55,11 +54,11 @@ def material(size: int = 64) -> Material:
     return Material(stripes[None, :, None].expand(size, size, 3).contiguous(), torch.full((size, size, 1), 0.4))
 
 
-def test_no_indirect_light_where_little_bounces(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("no_cache")
+def test_no_indirect_light_where_little_bounces() -> None:
     """A shallow dish, which sees 0.8 % of itself: against a picture with all bounces and the errors of a fit to 33 dB, leaving
     them out costs less than 0.1 dB. A deep one, where the plan keeps them, would lose more than 3.
     """
-    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
     costs = {}
     for share in (0.008, 0.5):
         mesh, cameras = bowl(share=share), [camera_at((0.0, 0.0, 4.0), pixels=48, field_of_view=20.0)]

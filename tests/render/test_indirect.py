@@ -160,13 +160,12 @@ def test_the_backs_of_a_sheet_get_no_indirect_light() -> None:
     assert float(arriving(bounced, light.leaving, points).abs().max()) == 0
 
 
-def test_the_operators_are_kept_and_reused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
+def test_the_operators_are_kept_and_reused(no_cache: Path) -> None:
     stages = [Stage(bowl(), [camera_at((0.0, 0.0, 4.0), pixels=24, field_of_view=24.0)]) for _ in range(2)]
     first, again = (render(stage, flat(0.5), samples=8, bounces=2, atlas_size=32).radiance for stage in stages)
     assert torch.equal(first, again)
     assert stages[1].rays.rays < 20_000  # the bake alone takes a hundred thousand
-    assert len(list(tmp_path.glob("interreflection-*.safetensors"))) == 1
+    assert len(list(no_cache.glob("interreflection-*.safetensors"))) == 1
 
 
 def test_a_layered_coat_conserves_energy() -> None:

@@ -19,6 +19,8 @@ from ia_bench.priors.validation import beyond_a_material
 from ia_bench.render.renderer import Renderer, texture_images
 from ia_bench.scenes.scene import Scene
 
+pytestmark = pytest.mark.usefixtures("no_cache")
+
 
 class Spy:
     """Returns half of the image and twice the image, plus its seed's noise; remembers how it was asked."""
@@ -57,12 +59,6 @@ def kept_reader() -> Reader:
 
 def sampler(problem: Problem, prior: object, seed: int = 7, notes: list[str] | None = None, **parts: object) -> PriorSampler:
     return PriorSampler(altered(problem, **parts), prior, seed, [].append if notes is None else notes.append)  # type: ignore[arg-type]
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
 
 
 # ---- what it is asked -----------------------------------------------------------------------------------------------
@@ -150,7 +146,7 @@ def test_rays_of_what_is_shown_again_after_an_interruption_are_counted_once(prob
 
 # ---- what is kept ---------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("usual", [kept, kept_reader])
-def test_samples_are_kept_with_what_they_cost(problem: Problem, cache: Path, usual: Callable[[], Spy]) -> None:
+def test_samples_are_kept_with_what_they_cost(problem: Problem, no_cache: Path, usual: Callable[[], Spy]) -> None:
     first, second = sampler(problem, usual()), sampler(problem, again := usual())
     drawn, found = first.draw(None), second.draw(None)
     assert again.asked == []
@@ -163,7 +159,7 @@ def test_samples_are_kept_with_what_they_cost(problem: Problem, cache: Path, usu
     assert second.counters == {"prior_cached": 1, **counted}
     assert first.kept_seconds == 0
     assert second.kept_seconds > 0
-    assert len(list(cache.iterdir())) == 1  # nothing half-written is left
+    assert len(list(no_cache.iterdir())) == 1  # nothing half-written is left
 
 
 CHANGES = ["fingerprint", "seed", "views", "guided", "image", "off", "no fingerprint", "truth", "shadows", "threads", "names"]
