@@ -19,21 +19,7 @@ def load(name: str) -> ModuleType:
         sys.path.remove(str(RECIPES))
 
 
-latlong, lights, light_parts, cameras, exr, mesh, passes, photographs, real, recipe, scene_folder, share_lights, staging = (
-    load(name)
-    for name in (
-        "latlong",
-        "lights",
-        "light_parts",
-        "cameras",
-        "exr",
-        "mesh",
-        "passes",
-        "photographs",
-        "real",
-        "recipe",
-        "scene_folder",
-        "share_lights",
-        "staging",
-    )  # fmt: skip
+NAMES = ["latlong", "lights", "light_parts", "cameras", "exr", "mesh", "passes", "photographs", "real", "recipe", "scene_folder"]
+latlong, lights, light_parts, cameras, exr, mesh, passes, photographs, real, recipe, scene_folder, share_lights, staging = map(
+    load, (*NAMES, "share_lights", "staging")
 )

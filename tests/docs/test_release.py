@@ -8,6 +8,7 @@ from pathlib import Path
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
+CITATION = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
 DISTRIBUTIONS = [tomllib.loads((ROOT / part / "pyproject.toml").read_text())["project"] for part in (".", "baselines", "training")]
 ROOT_KEYS = {"abstract", "authors", "cff-version", "date-released", "doi", "keywords", "license", "message", "references"}
 ROOT_KEYS |= {"repository-code", "title", "type", "url", "version"}
@@ -15,31 +16,25 @@ REFERENCE_KEYS = {"authors", "collection-title", "doi", "journal", "title", "typ
 """Those of the schema that a paper or a program needs; it has more."""
 
 
-def test_versions_and_licences_agree() -> None:
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert {(each["version"], each["license"]) for each in DISTRIBUTIONS} == {(citation["version"], citation["license"])}
+def test_versions_licences_and_the_day_in_the_changelog_agree() -> None:
+    assert {(each["version"], each["license"]) for each in DISTRIBUTIONS} == {(CITATION["version"], CITATION["license"])}
     pinned = [line for each in DISTRIBUTIONS for extra in each.get("optional-dependencies", {}).values() for line in extra]
     ours = [line for line in pinned if line.startswith("ia_bench_")]
     assert ours
-    assert {line.partition("==")[2] for line in ours} == {citation["version"]}
-
-
-def test_the_changelog_has_the_version_and_its_day() -> None:
+    assert {line.partition("==")[2] for line in ours} == {CITATION["version"]}
     newest = re.search(r"^## (\S+), (\S+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert newest.groups() == (citation["version"], str(citation["date-released"]))
+    assert newest.groups() == (CITATION["version"], str(CITATION["date-released"]))
 
 
 def test_the_citation_keeps_to_its_format() -> None:
     """The keys that the schema of CFF 1.2.0 requires and allows, and the types of those that are there; it allows no others."""
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    assert citation["cff-version"] == "1.2.0"
-    assert {"message", "title", "authors"} <= citation.keys() <= ROOT_KEYS
-    assert citation["type"] in ("software", "dataset")
-    assert re.fullmatch(r"\d{4}-\d\d-\d\d", str(citation["date-released"]))
-    assert all({"type", "title", "authors"} <= reference.keys() <= REFERENCE_KEYS for reference in citation["references"])
-    assert {reference["type"] for reference in citation["references"]} <= {"conference-paper", "article", "software"}
-    for work in (citation, *citation["references"]):
+    assert CITATION["cff-version"] == "1.2.0"
+    assert {"message", "title", "authors"} <= CITATION.keys() <= ROOT_KEYS
+    assert CITATION["type"] in ("software", "dataset")
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", str(CITATION["date-released"]))
+    assert all({"type", "title", "authors"} <= reference.keys() <= REFERENCE_KEYS for reference in CITATION["references"])
+    assert {reference["type"] for reference in CITATION["references"]} <= {"conference-paper", "article", "software"}
+    for work in (CITATION, *CITATION["references"]):
         assert work["authors"]
         assert all(author.keys() in ({"name"}, {"family-names", "given-names"}) for author in work["authors"])
         texts = {key: value for key, value in work.items() if key not in ("authors", "references", "date-released", "year")}
@@ -49,12 +44,11 @@ def test_the_citation_keeps_to_its_format() -> None:
 
 
 def test_title_authors_and_licence_are_everywhere_the_same() -> None:
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     described = json.loads((ROOT / "datasets" / "croissant.json").read_text(encoding="utf-8"))
     licence = (ROOT / "datasets" / "LICENSE").read_text(encoding="utf-8")
-    assert (ROOT / "README.md").read_text(encoding="utf-8").startswith(f"# {citation['title']}\n")
-    assert (described["version"], described["license"] in licence) == (citation["version"], True)
-    names = [author["name"] for author in citation["authors"]]
+    assert (ROOT / "README.md").read_text(encoding="utf-8").startswith(f"# {CITATION['title']}\n")
+    assert (described["version"], described["license"] in licence) == (CITATION["version"], True)
+    names = [author["name"] for author in CITATION["authors"]]
     told = [each["authors"] for each in DISTRIBUTIONS] + [described["creator"]]
     assert all([author["name"] for author in authors] == names for authors in told)
     assert all(name in licence for name in names)

@@ -18,14 +18,8 @@ from ia_bench.runs.config import method_of
 from ia_bench.runs.run import problem_of
 from ia_bench.scenes.scene import Scene
 
-SMALL = (
-    "preset=smoke",
-    "render.texture=16",
-    "render.light_height=16",
-    "render.samples=4",
-    "render.subsamples=1",
-    "render.bounces=0",
-)
+SMALL = ["preset=smoke", "render.texture=16", "render.light_height=16", "render.samples=4", "render.subsamples=1"]
+SMALL += ["render.bounces=0"]
 FIT = (*SMALL, "fit.stage1_steps=1", "fit.stage2_steps=1", "fit.pixels=32", "prior.views=2", "prior.cache=false")
 ONE = {
     "nvdiffrec": "steps=1",

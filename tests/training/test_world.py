@@ -116,15 +116,8 @@ def test_a_world_that_travels_shows_the_same_views(world, tmp_path):
 
 
 def test_a_network_trains_on_a_world_and_goes_on(world, folders, tmp_path):  # noqa: F811
-    small = [
-        "network.size=16",
-        "network.channels=[16,32]",
-        "network.tokens=16",
-        "network.kind=regressor",
-        "batch=2",
-        "compile=false",
-    ]
-    quick = ["validate_steps=2", "validation_images=2", "precision=float32", "threads=1", "scenes=[tiny]"]
+    small = ["network.size=16", "network.channels=[16,32]", "network.tokens=16", "network.kind=regressor", "batch=2"]
+    quick = ["compile=false", "validate_steps=2", "validation_images=2", "precision=float32", "threads=1", "scenes=[tiny]"]
     line = [f"data={world}", f"validation={folders / 'validation'}", f"out={tmp_path}", *small, *quick]
     train([*line, "steps=1"])
     shown = train([*line, "steps=2"])
