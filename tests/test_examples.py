@@ -39,14 +39,6 @@ def call(installed: Path, module: str, *arguments: str, folder: Path) -> subproc
     return subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, timeout=1200)
 
 
-def test_example_keeps_the_contract(installed: Path, tmp_path: Path) -> None:
-    done = call(installed, "ia_bench", "check", "prior=grey_world", folder=tmp_path)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert " 0 failed, " in done.stdout.splitlines()[-1]
-    assert done.stdout.count("✓") > 12
-    assert "\x1b" not in done.stdout
-
-
 def test_example_of_a_method_keeps_the_contract(installed: Path, tmp_path: Path) -> None:
     assert stated("a method") == {"my_method.py", "pyproject.toml"}
     done = call(installed, "ia_bench", "check", "method=photograph_as_albedo", folder=tmp_path)
@@ -85,10 +77,15 @@ def test_example_of_a_method_runs(installed: Path, tmp_path: Path) -> None:
     assert read_exr(tmp_path / "result" / "albedo.exr", 3).mean() == pytest.approx(0.35, abs=0.05)  # texels beyond white are cut
 
 
-def test_plugins_are_found_by_their_entry_points(installed: Path, tmp_path: Path) -> None:
+def test_the_example_of_a_prior_is_found_by_its_entry_point_and_keeps_the_contract(installed: Path, tmp_path: Path) -> None:
     listed = call(installed, "ia_bench", "--choices", folder=tmp_path).stdout
     assert re.search(r"  mitsuba_adam +from ia_bench_baselines", listed)
     assert re.search(r"  grey_world +from grey_world_prior 0\.1\.0", listed)
+    done = call(installed, "ia_bench", "check", "prior=grey_world", folder=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert " 0 failed, " in done.stdout.splitlines()[-1]
+    assert done.stdout.count("✓") > 12
+    assert "\x1b" not in done.stdout
 
 
 def test_example_is_nearer_to_the_truth_than_the_image(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,19 +29,17 @@ def fit(scene: ib.LoadedScene, tmp_path_factory: pytest.TempPathFactory) -> ib.F
     return ib.fit(scene, out=tmp_path_factory.mktemp("runs") / "fit", progress=False, **SETTINGS)
 
 
-def test_the_command_finds_what_python_has_fitted(fit: ib.Fit, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["scene=tiny", "preset=smoke", "threads=1", "device=cpu", "fit.stage1_steps=2", "fit.stage2_steps=1"]
-    assert main([*words, f"out={fit.folder}"]) == 0
-    told = capsys.readouterr()
-    assert "already finished" in told.err
-    assert told.out.startswith(f"{fit!r}\n")
-
-
-def test_textures_read_back_score_the_same(fit: ib.Fit, scene: ib.LoadedScene) -> None:
+def test_a_fit_read_back_scores_the_same(
+    fit: ib.Fit, scene: ib.LoadedScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     torch.set_num_threads(1)
     assert ib.score(fit, scene) == fit.metrics
     assert ib.score(fit, protocol="tensoir") != fit.metrics
     assert fit.metallic is None
+    monkeypatch.chdir(fit.folder.parent)
+    found = ib.Fit("fit")
+    monkeypatch.chdir(tmp_path)
+    np.testing.assert_array_equal(found.albedo, fit.albedo)
 
 
 def test_a_light_is_a_name_a_file_or_an_array(fit: ib.Fit, scene: ib.LoadedScene, tmp_path: Path) -> None:
@@ -71,13 +69,6 @@ def test_a_light_is_a_name_a_file_or_an_array(fit: ib.Fit, scene: ib.LoadedScene
             call(camera if call == fit.render else name, **named)
 
 
-def test_a_fit_is_found_from_another_folder(fit: ib.Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(fit.folder.parent)
-    found = ib.Fit("fit")
-    monkeypatch.chdir(tmp_path)
-    np.testing.assert_array_equal(found.albedo, fit.albedo)
-
-
 def test_the_asset_is_a_glb(fit: ib.Fit, tmp_path: Path) -> None:
     assert fit.save(tmp_path / "new" / "asset.glb").read_bytes() == (fit.folder / "asset.glb").read_bytes()
     assert fit.save(fit.folder / "asset.glb").read_bytes() == (tmp_path / "new" / "asset.glb").read_bytes(), "onto itself"
@@ -94,13 +85,18 @@ def test_a_table_has_a_line_per_run(fit: ib.Fit, monkeypatch: pytest.MonkeyPatch
     assert ib.table([fit, ".", f"../{fit.folder.parent.name}"]).equals(shown), "a run is there once, whatever its folder is called"
 
 
-def test_notes_are_logged_and_nothing_is_printed(
+def test_notes_are_logged_and_nothing_is_printed_and_the_command_finds_the_fit(
     fit: ib.Fit, scene: ib.LoadedScene, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with caplog.at_level(logging.INFO, "ia_bench"):
         ib.fit(scene, out=fit.folder, progress=False, **SETTINGS)
     assert "already finished" in caplog.text
     assert capsys.readouterr() == ("", "")
+    words = ["scene=tiny", "preset=smoke", "threads=1", "device=cpu", "fit.stage1_steps=2", "fit.stage2_steps=1"]
+    assert main([*words, f"out={fit.folder}"]) == 0
+    told = capsys.readouterr()
+    assert "already finished" in told.err
+    assert told.out.startswith(f"{fit!r}\n")
 
 
 def test_a_changed_scene_is_refused(scene: ib.LoadedScene) -> None:

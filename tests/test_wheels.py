@@ -70,14 +70,11 @@ def test_a_wheel_has_its_licence_a_card_of_all_weights_and_nothing_else(wheels: 
     assert not [file for file in files if not re.match(rf"{name}(-[\d.]+dist-info)?/", file) or "__pycache__" in file]
 
 
-def test_a_source_archive_builds_without_the_tests_and_the_scenes(wheels: dict[str, Path]) -> None:
+def test_a_source_archive_has_one_scene_and_nothing_is_of_the_checkout(wheels: dict[str, Path], call, installed: Path) -> None:
     (archive,) = wheels["ia_bench"].parent.glob("ia_bench-[0-9]*.tar.gz")
     with tarfile.open(archive) as opened:
         scenes = {Path(name).parts[3] for name in opened.getnames() if "/datasets/scenes/" in name}
     assert scenes == {"tiny"}
-
-
-def test_nothing_is_taken_from_the_checkout(call, installed: Path) -> None:
     for name in PARTS:
         where = call("python", "-c", f"import {name}; print({name}.__path__[0])")
         assert where.startswith(str(installed.parent))

@@ -41,7 +41,7 @@ def dense(residual: Tensor, parameters: dict[str, Tensor]) -> np.ndarray:
 
 
 # ---- products --------------------------------------------------------------------------------------------------------
-def test_products_are_those_of_the_dense_jacobian() -> None:
+def test_products_gram_and_what_is_seen_are_those_of_the_dense_jacobian() -> None:
     residual, parameters = made_up()
     j, jacobian = dense(residual, parameters), Jacobian(residual, parameters)
     assert (jacobian.rows, jacobian.columns) == j.shape
@@ -50,11 +50,6 @@ def test_products_are_those_of_the_dense_jacobian() -> None:
     np.testing.assert_allclose(jacobian.backward(cotangent), j.T @ cotangent.reshape(-1).numpy(), rtol=1e-12, atol=1e-14)
     product = jacobian.gauss_newton() @ vector.numpy()
     np.testing.assert_allclose(product, j.T @ (j @ vector.numpy()) / len(j), rtol=1e-11, atol=1e-14)
-
-
-def test_gram_and_what_is_seen() -> None:
-    residual, parameters = made_up()
-    j, jacobian = dense(residual, parameters), Jacobian(residual, parameters)
     seen = jacobian.columns_seen().numpy()
     assert (~seen).nonzero()[0].tolist() == [12, 13, 14]  # the albedo that nothing depends on
     np.testing.assert_allclose(gram(jacobian, seen), (j.T @ j)[np.ix_(seen, seen)], rtol=1e-5, atol=1e-9)  # J itself is float32

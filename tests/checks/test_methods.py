@@ -88,12 +88,15 @@ def failed(found: dict[str, Finding]) -> list[str]:
     return [what for what, finding in found.items() if finding.status == "fail"]
 
 
-def test_what_keeps_the_contract_passes(tiny: Scene) -> None:
+def test_what_keeps_the_contract_passes_and_what_never_saves_is_told_so(tiny: Scene) -> None:
     found = findings(Walk, tiny)
     assert failed(found) == []
     assert {finding.status for finding in found.values()} == {"pass"}
     assert found["killed and resumed"].found == ""
     assert {f"score of {name}" for name in Walk.info.predicts} <= set(found)
+    found = findings(type("Saveless", (Walk,), {"saves": False}), tiny)
+    assert failed(found) == []
+    assert found["killed and resumed"].status == "skip"
 
 
 def test_a_scene_that_lacks_truth_and_test_views_is_no_fault_of_the_method(tiny: Scene) -> None:
@@ -104,12 +107,6 @@ def test_a_scene_that_lacks_truth_and_test_views_is_no_fault_of_the_method(tiny:
         "score of roughness": "no test views",
         "score of relighting": f"no environment map of {', '.join(sorted({view.light for view in tiny.novel} - {'train'}))}",
     }
-
-
-def test_what_never_saves_is_told_so(tiny: Scene) -> None:
-    found = findings(type("Saveless", (Walk,), {"saves": False}), tiny)
-    assert failed(found) == []
-    assert found["killed and resumed"].status == "skip"
 
 
 def test_what_forgets_its_checkpoint_is_found(tiny: Scene) -> None:

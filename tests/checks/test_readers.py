@@ -84,9 +84,15 @@ def crosses(reader: object) -> list[str]:
     return [f"{finding.what}: {finding.found}" for finding in findings if finding.status == "fail"]
 
 
-def test_a_sound_reader_passes(tiny: Scene) -> None:
+def test_a_sound_reader_passes_also_without_a_mesh(tiny: Scene) -> None:
     assert crosses(Reading(tiny)) == []
     assert unscored(tiny) == {}
+    found = list(check_reader(lambda: Reading(replace(tiny, mesh=None))))  # type: ignore[arg-type,return-value]
+    assert {finding.status for finding in found} == {"pass", "skip"}
+    skipped = ["it has no mesh", "the object is 21 pixels wide, too few to tell a wrong focal length"]
+    assert [finding.found for finding in found if finding.status == "skip"] == skipped
+    with pytest.raises(InputError, match="expected a mesh, found none"):
+        replace(tiny, mesh=None).expect_mesh()
 
 
 @pytest.mark.parametrize(("spoil", "says"), WRONG.values(), ids=WRONG)
@@ -116,15 +122,6 @@ def test_another_scene_at_every_call(tiny: Scene) -> None:
     found = crosses(Reading(tiny, brighter))
     assert [line.partition(":")[0] for line in found] == ["without truth", "reading again", "another reader"]
     assert "train[0].image" in found[0]
-
-
-def test_a_scene_without_a_mesh_is_a_scene(tiny: Scene) -> None:
-    found = list(check_reader(lambda: Reading(replace(tiny, mesh=None))))  # type: ignore[arg-type,return-value]
-    assert {finding.status for finding in found} == {"pass", "skip"}
-    skipped = ["it has no mesh", "the object is 21 pixels wide, too few to tell a wrong focal length"]
-    assert [finding.found for finding in found if finding.status == "skip"] == skipped
-    with pytest.raises(InputError, match="expected a mesh, found none"):
-        replace(tiny, mesh=None).expect_mesh()
 
 
 def test_held_out_views_and_cameras(tiny: Scene) -> None:

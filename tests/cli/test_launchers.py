@@ -140,13 +140,10 @@ def test_slurm_that_is_not_there_is_told(capfd: pytest.CaptureFixture[str]) -> N
     assert 'launcher=submitit_slurm: Could not detect "srun"' in capfd.readouterr().err
 
 
-def test_a_missing_extra_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ray_without_its_extra_is_one_sentence_and_with_it_cells_use_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ia_bench.cli.table.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"launcher=ray needs an extra: pip install 'ia_bench\[ray\]'"):
         parse(["launcher=ray"])
-
-
-def test_cells_with_a_gpu_use_it_though_the_table_is_called_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ia_bench.cli.table.find_spec", lambda name: name)
     request = parse(["launcher=ray", "launcher.gpus=1", "launcher.cpus=3"])
     assert request.overrides == ("device=cuda",)

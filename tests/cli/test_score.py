@@ -59,12 +59,9 @@ def pictures_run(run: Path) -> Path:
     return out
 
 
-def test_an_asset_brought_back_has_the_scores_of_its_run(run: Path, asset_run: Path) -> None:
+def test_an_asset_and_pictures_brought_back_have_the_scores_of_their_run(run: Path, asset_run: Path, pictures_run: Path) -> None:
     found = differences(run, asset_run)
     assert (found["psnr"] < 0.02, found["mse"] < 0.0002, found["ssim"] < 1e-3) == (True, True, True), found
-
-
-def test_pictures_brought_back_have_the_scores_of_their_run(run: Path, pictures_run: Path) -> None:
     assert max(differences(run, pictures_run).values()) < 1e-6
 
 

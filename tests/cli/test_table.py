@@ -73,20 +73,17 @@ def test_a_row_whose_plugin_is_broken_leaves_the_others(monkeypatch: pytest.Monk
         cells_of(Table(scenes=["hat"], rows=rows))
 
 
-def test_a_cell_is_the_run_that_its_command_line_makes() -> None:
+def test_command_line_is_told_apart_and_a_cell_is_the_run_that_its_own_makes() -> None:
+    overrides = ("preset=smoke", "protocol.lpips.net=squeeze")
+    request = parse(["table=ablations", "seeds=0,1", "scenes=hat,ship", "jobs=2", *overrides])
+    assert request == TableRequest("ablations", ("hat", "ship"), (0, 1), 2, overrides)
+    assert parse(["jobs=auto"]) == parse([]) == TableRequest()
     cells = cells_of(load_table("ablations"), scenes=("ship",), seeds=(3,))
     (cell,) = [one for one in cells if one.row == "diffusion, targets w/o guided"]
     again = compose(cell.config.command)
     assert again == cell.config
     assert (again.seed, again.scene.name, again.threads) == (3, "ship", 1)
     assert str(cell.folder).startswith("results/paper/runs/ship/diffusion-targets-w-o-guided-seed3-")
-
-
-def test_command_line_is_told_apart() -> None:
-    overrides = ("preset=smoke", "protocol.lpips.net=squeeze")
-    request = parse(["table=ablations", "seeds=0,1", "scenes=hat,ship", "jobs=2", *overrides])
-    assert request == TableRequest("ablations", ("hat", "ship"), (0, 1), 2, overrides)
-    assert parse(["jobs=auto"]) == parse([]) == TableRequest()
 
 
 @pytest.mark.parametrize(("given", "threads"), [([], 4), (["threads=3"], 3), (["++threads=3"], 3)])

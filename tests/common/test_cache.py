@@ -26,7 +26,7 @@ def same(tensors: dict[str, torch.Tensor]) -> bool:
     return set(tensors) == set(TENSORS) and all(torch.equal(tensors[name], TENSORS[name]) for name in tensors)
 
 
-def test_gives_back_what_was_put(tmp_path: Path) -> None:
+def test_gives_back_what_was_put_and_makes_only_what_is_not_kept(tmp_path: Path) -> None:
     cache = Cache(tmp_path / "new" / "folder")
     assert cache.get(KEY) is None
     cache.put(KEY, TENSORS, ABOUT)
@@ -34,9 +34,6 @@ def test_gives_back_what_was_put(tmp_path: Path) -> None:
     assert same(found[0])
     assert found[1] == ABOUT
     assert [path.name for path in (tmp_path / "new" / "folder").iterdir()] == [f"{KEY}.safetensors"]
-
-
-def test_makes_only_what_is_not_kept(tmp_path: Path) -> None:
     made = []
     for _ in range(2):
         assert same(Cache(tmp_path).kept(KEY, lambda: made.append(1) or TENSORS))  # type: ignore[func-returns-value]

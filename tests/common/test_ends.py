@@ -134,24 +134,18 @@ def test_cores_are_those_of_a_container(quota: str | None, expected: int, tmp_pa
     assert machine.cores() == expected
 
 
-def test_available_memory_is_some_and_no_more_than_there_is() -> None:
+def test_a_need_beyond_the_memory_that_is_free_is_named_with_both_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 0 < machine.available_memory() <= os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-
-
-def test_a_need_beyond_it_is_named_with_both_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine, "available_memory", lambda device: 8_000_000_000)
-    machine.expect_memory("render.texture=2048", 5e8)
-    with pytest.raises(InputError, match=r"render\.texture=100000: expected .* the 8\.0 GB .*, found a need for 1\.28e\+03 GB"):
-        machine.expect_memory("render.texture=100000", 1.28e12)
-
-
-def test_what_is_free_on_a_gpu_counts_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All that no other program has: 5 GB, and 1 of the 2 GB that torch holds."""
+    # all that no other program has: 5 GB, and 1 of the 2 GB that torch holds
     for name, value in (("mem_get_info", (5e9, 8e9)), ("memory_reserved", 2e9), ("memory_allocated", 1e9)):
         monkeypatch.setattr(torch.cuda, name, lambda value=value: value)
     machine.expect_memory("render.texture=2048", 5.9e9, "cuda")
     with pytest.raises(InputError, match=r"the 6\.0 GB of memory that are free on the GPU, found a need for 6\.1 GB"):
         machine.expect_memory("render.texture=2048", 6.1e9, "cuda")
+    monkeypatch.setattr(machine, "available_memory", lambda device: 8_000_000_000)
+    machine.expect_memory("render.texture=2048", 5e8)
+    with pytest.raises(InputError, match=r"render\.texture=100000: expected .* the 8\.0 GB .*, found a need for 1\.28e\+03 GB"):
+        machine.expect_memory("render.texture=100000", 1.28e12)
 
 
 @pytest.mark.parametrize(("value", "least"), [("-1", 1), ("x", 0), ("0", 1), ("-1", 0), ("1.5", 1)])

@@ -111,12 +111,9 @@ def test_broken_plugin_is_an_error_only_for_who_asks(name: str, cause: str) -> N
         registry.load(registry.find("prior", name))
 
 
-def test_unknown_name_gives_the_closest() -> None:
+def test_unknown_name_gives_the_closest_and_a_class_is_spelled_out() -> None:
     with pytest.raises(InputError, match=r"unknown prior 'orcale'; did you mean 'oracle'\? There are: .*good"):
         registry.find("prior", "orcale")
-
-
-def test_class_spelled_out() -> None:
     made = registry.create("prior", "third_good:Good", "third_good:Good", {"strength": 2.0})
     assert made.strength == 2.0
     with pytest.raises(InputError, match="expected a target 'module:Class', found 'third_good:'"):

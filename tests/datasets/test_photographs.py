@@ -48,8 +48,14 @@ def package(tmp_path: Path, image: np.ndarray) -> Path:
 
 
 # -- reading -----------------------------------------------------------------------------------------------------------
-def test_a_map_is_read_as_it_was_written(package: Path, image: np.ndarray) -> None:
+def test_a_map_is_read_as_it_was_written_and_its_directions_are_those_of_three_js(package: Path, image: np.ndarray) -> None:
     np.testing.assert_array_equal(photographs.read_map(package, "sky"), image)
+    # its shader looks a direction up at u = atan2(z, x) / 2 pi + 1/2, v = asin(y) / pi + 1/2 from the bottom; y is up
+    ours = latlong.texel_directions(HEIGHT)
+    x, y, z = ours[..., 0], ours[..., 2], -ours[..., 1]
+    u, v = np.arctan2(z, x) / (2 * np.pi) + 0.5, np.arcsin(y) / np.pi + 0.5
+    looked_up = image[((1 - v) * HEIGHT).astype(int), (u * 2 * HEIGHT).astype(int)]
+    np.testing.assert_array_equal(photographs.read_map(package, "sky"), looked_up)
 
 
 def test_a_map_that_is_not_there_or_in_another_form_is_refused(tmp_path: Path, package: Path, image: np.ndarray) -> None:
@@ -61,15 +67,6 @@ def test_a_map_that_is_not_there_or_in_another_form_is_refused(tmp_path: Path, p
     square = write_package(tmp_path / "square.tgz", {"sky": image[:, :HEIGHT]})
     with pytest.raises(ValueError, match=r"expected a finite map \(H, 2H, 3\), got \(6, 6, 3\)"):
         photographs.read_map(square, "sky")
-
-
-def test_directions_are_those_of_three_js(package: Path, image: np.ndarray) -> None:
-    """Its shader looks a direction up at u = atan2(z, x) / 2 pi + 1/2, v = asin(y) / pi + 1/2 from the bottom; y is up."""
-    ours = latlong.texel_directions(HEIGHT)
-    x, y, z = ours[..., 0], ours[..., 2], -ours[..., 1]
-    u, v = np.arctan2(z, x) / (2 * np.pi) + 0.5, np.arcsin(y) / np.pi + 0.5
-    looked_up = image[((1 - v) * HEIGHT).astype(int), (u * 2 * HEIGHT).astype(int)]
-    np.testing.assert_array_equal(photographs.read_map(package, "sky"), looked_up)
 
 
 def test_a_sun_stands_upright_and_where_it_was_photographed(tmp_path: Path) -> None:

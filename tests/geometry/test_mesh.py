@@ -59,15 +59,12 @@ def refused(path: Path, message: str, *, uv: str = "mesh") -> None:
         load_mesh(path, uv=uv)
 
 
-def test_a_sound_mesh_is_read_as_it_is(tmp_path: Path, ply: Ply, tiny: Scene) -> None:
+def test_a_sound_mesh_is_read_as_it_is_and_what_is_none_refused(tmp_path: Path, ply: Ply, tiny: Scene) -> None:
     mesh, notes = load_mesh(ply.write(tmp_path / "mesh.ply"))
     assert notes == ()
     for name in ("vertices", "faces", "normals", "uv"):
         np.testing.assert_allclose(getattr(mesh, name), getattr(tiny.mesh, name), atol=1e-6)
-
-
-def test_refuses_what_is_no_mesh(tmp_path: Path) -> None:
-    refused(tmp_path / "mesh.ply", "no such mesh")
+    refused(tmp_path / "no" / "mesh.ply", "no such mesh")
     (tmp_path / "mesh.ply").write_text("solid nothing")
     refused(tmp_path / "mesh.ply", "not a readable mesh")
 

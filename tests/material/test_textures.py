@@ -96,7 +96,7 @@ def test_filling_leaves_the_observed_and_stays_within_their_range(size: int) -> 
     assert float(filled.max()) <= float(seen.max()) + 1e-9
 
 
-def test_filling_takes_the_nearer_of_two_regions() -> None:
+def test_filling_takes_the_nearer_of_two_regions_all_or_nothing() -> None:
     """Left border 0, right border 1: what lies between rises from one to the other, the same from both sides."""
     texture, observed = torch.zeros(32, 32, 1), torch.zeros(32, 32, dtype=torch.bool)
     texture[:, -1] = 1
@@ -105,6 +105,13 @@ def test_filling_takes_the_nearer_of_two_regions() -> None:
     assert (filled[:, :16] < 0.5).all()
     assert (torch.diff(filled, dim=1) > 0).all()
     torch.testing.assert_close(filled, 1 - filled.flip(1), atol=1e-5, rtol=0)
+    texture = numbers(8, 8, 3)
+    observed = torch.ones(8, 8, dtype=torch.bool)
+    assert torch.equal(fill_unobserved(texture, observed), texture)
+    assert torch.equal(fill_unobserved(texture, ~observed), texture)
+    one = torch.zeros(8, 8, dtype=torch.bool)
+    one[3, 5] = True
+    torch.testing.assert_close(fill_unobserved(texture, one), texture[3, 5].expand(8, 8, 3))
 
 
 @pytest.mark.parametrize("size", [64, 65, 96, 100])
@@ -117,13 +124,3 @@ def test_filling_and_smoothing_know_no_side(size: int) -> None:
     for fill in (fill_unobserved, lambda texture, seen: smooth_by_view_count(texture, 4.0 * seen.double(), 0.5)):
         turned = 1 - fill(ramp, observed).flip(1)
         assert float((fill(ramp, observed) - turned).abs().max()) < 0.12
-
-
-def test_filling_all_or_nothing() -> None:
-    texture = numbers(8, 8, 3)
-    observed = torch.ones(8, 8, dtype=torch.bool)
-    assert torch.equal(fill_unobserved(texture, observed), texture)
-    assert torch.equal(fill_unobserved(texture, ~observed), texture)
-    one = torch.zeros(8, 8, dtype=torch.bool)
-    one[3, 5] = True
-    torch.testing.assert_close(fill_unobserved(texture, one), texture[3, 5].expand(8, 8, 3))

@@ -81,13 +81,6 @@ def test_an_asset_comes_back_on_its_mesh_with_what_is_declared(scene: Scene, ass
     assert any("intersection over union 0.9" in note or "intersection over union 1.0" in note for note in notes)
 
 
-def test_without_a_light_view_synthesis_is_undefined_and_says_so(scene: Scene, files: Path) -> None:
-    result, notes = brought(scene, BroughtAsset, path=str(files / "asset.glb"))
-    cameras = [view.camera for view in scene.novel[:1]]
-    assert result.reconstruction.render(cameras, light=None, albedo_scale=None, quality=Quality(1, 4)) is None
-    assert any("no light, so view synthesis is undefined" in note for note in notes)
-
-
 def test_icp_brings_a_moved_asset_back_and_tells_what_is_left(scene: Scene, asset: Assets, files: Path, tmp_path: Path) -> None:
     angle, scale = np.radians(6), 1.08
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
@@ -138,10 +131,14 @@ def test_axes_that_are_wrong_are_named_with_those_that_would_be_right(scene: Sce
     assert said in warning
 
 
-def test_a_matrix_that_moves_rows_is_refused(scene: Scene, files: Path) -> None:
+def test_a_matrix_that_moves_rows_is_refused_and_a_missing_light_told(scene: Scene, files: Path) -> None:
     transposed = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0.1, 0, 0, 1))
     with pytest.raises(InputError, match=r"matrix: expected \[0, 0, 0, 1\] as its last row, found \[0.1, 0.0, 0.0, 1.0\]"):
         brought(scene, BroughtAsset, path=str(files / "asset.glb"), matrix=transposed)
+    result, notes = brought(scene, BroughtAsset, path=str(files / "asset.glb"))
+    cameras = [view.camera for view in scene.novel[:1]]
+    assert result.reconstruction.render(cameras, light=None, albedo_scale=None, quality=Quality(1, 4)) is None
+    assert any("no light, so view synthesis is undefined" in note for note in notes)
 
 
 @pytest.mark.parametrize(("wound", "out"), [(-1, 1), (1, -1), (1, 1)])

@@ -175,13 +175,7 @@ def test_what_a_method_changes_for_all_is_put_back(stage: Stage, tiny: Scene) ->
     assert state() == before
 
 
-def test_a_method_that_leaves_does_not_end_the_run_as_if_it_had_finished(stage: Stage, tiny: Scene) -> None:
-    leaves = Careless(stage, lambda: sys.exit(0))
-    with pytest.raises(PluginError, match="^method careless raised SystemExit: 0"):
-        reconstruct("careless", leaves, Problem(tiny.blind()), seed=0, monitor=Monitor.silent())  # type: ignore[arg-type]
-
-
-def test_a_reconstruction_that_is_scored_on_the_way_is_checked(stage: Stage, tiny: Scene) -> None:
+def test_what_is_scored_on_the_way_is_checked_and_a_method_that_leaves_ends_no_run(stage: Stage, tiny: Scene) -> None:
     class Early(Careless):
         def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
             monitor.score("fit", 0, 0.0, lambda: None)  # type: ignore[arg-type,return-value]
@@ -190,6 +184,9 @@ def test_a_reconstruction_that_is_scored_on_the_way_is_checked(stage: Stage, tin
     monitor = Monitor.silent(score=lambda phase, step, seconds, recovered: recovered())
     with pytest.raises(PluginError, match="^method early: reconstruction: expected .*, found NoneType"):
         reconstruct("early", Early(stage, print), Problem(tiny.blind()), seed=0, monitor=monitor)  # type: ignore[arg-type]
+    leaves = Careless(stage, lambda: sys.exit(0))
+    with pytest.raises(PluginError, match="^method careless raised SystemExit: 0"):
+        reconstruct("careless", leaves, Problem(tiny.blind()), seed=0, monitor=Monitor.silent())  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -145,13 +145,19 @@ def test_a_prior_that_is_right_corrects_nothing_and_targets_nothing_there(proble
     assert float(targets.weight.mean()) == pytest.approx(1, rel=1e-5)
 
 
-def test_texels_that_are_seen_in_such_pixels_alone_are_not_seen(problem: Problem) -> None:
+def test_texels_that_are_seen_in_such_pixels_alone_are_not_seen_and_these_pull_nowhere(problem: Problem) -> None:
     few = first_two(problem)
     cut = cut_off(few)
     whole_sees, cut_sees = (Parameters(one, SETTINGS).observed for one in (few, cut))
     assert not (cut_sees & ~whole_sees).any()
     assert 0.05 < float((whole_sees & ~cut_sees).float().sum() / whole_sees.float().sum()) < 0.7
     assert float(effective_view_count(cut, 64).sum()) < 0.95 * float(effective_view_count(few, 64).sum())
+    # their photograph is black, and the loss has a gradient in none of them, where the same pixels pull in whole masks
+    cut = cut_off(problem)
+    pixels = torch.nonzero(cut.photographs.left_out)[:, 0]
+    assert 100 < len(pixels) < 0.5 * len(cut.photographs.left_out)
+    assert pulls(problem, pixels)["albedo"] > 0
+    assert pulls(cut, pixels)["albedo"] == 0
 
 
 def test_what_a_prior_is_shown_of_a_fit_is_exposed_as_the_photographs_are(problem: Problem, scene: Scene) -> None:
@@ -198,12 +204,3 @@ def test_photographs_of_another_unit_give_the_same_albedo(problem: Problem, fact
     if factor < 1:
         monkeypatch.setattr(photographs, "USUAL", (0.0, float("inf")))
         assert float((albedo_of(exposed(problem, factor)) - expected).abs().mean()) > 0.06
-
-
-def test_pixels_that_are_left_out_pull_nowhere(problem: Problem) -> None:
-    """Their photograph is black, and the loss has a gradient in none of them, where the same pixels pull in whole masks."""
-    cut = cut_off(problem)
-    pixels = torch.nonzero(cut.photographs.left_out)[:, 0]
-    assert 100 < len(pixels) < 0.5 * len(cut.photographs.left_out)
-    assert pulls(problem, pixels)["albedo"] > 0
-    assert pulls(cut, pixels)["albedo"] == 0

@@ -71,7 +71,7 @@ def test_values_are_decoded_as_they_are_declared(tmp_path: Path, name: str, enco
     assert np.abs(found - expected).max() <= step
 
 
-def test_a_larger_picture_is_averaged_and_a_smaller_one_interpolated(tmp_path: Path) -> None:
+def test_a_larger_picture_is_averaged_and_a_smaller_one_interpolated_without_the_background(tmp_path: Path) -> None:
     """Colours that are linear in place are kept by both, but at the picture's edges."""
     for scale in (2, 0.5):
         height, width = int(scale * HEIGHT), int(scale * WIDTH)
@@ -81,10 +81,7 @@ def test_a_larger_picture_is_averaged_and_a_smaller_one_interpolated(tmp_path: P
         rows, columns = np.mgrid[:HEIGHT, :WIDTH] + 0.5
         expected = np.stack([rows / HEIGHT, columns / WIDTH, 0.5 + 0 * rows], -1) * MASK[..., None]
         np.testing.assert_allclose(found, expected, atol=1e-5)
-
-
-def test_a_background_does_not_come_in_at_the_edge(tmp_path: Path) -> None:
-    """What alpha leaves out counts for nothing when a picture is made smaller, and the nearest colour stands where it is 0."""
+    # what alpha leaves out counts for nothing when a picture is made smaller, and the nearest colour stands where it is 0
     colour = np.where(MASK[..., None] > 0, 0.25, 1).repeat(3, -1)
     save(tmp_path / "albedo" / "a.npy", np.dstack([colour, MASK > 0.5]).repeat(2, 0).repeat(2, 1))
     np.testing.assert_allclose(albedo(tmp_path, encoding="linear")[0], 0.25 * MASK[..., None].repeat(3, -1), atol=1e-5)

@@ -45,12 +45,16 @@ def test_a_world_to_camera_matrix_of_opencv() -> None:
     np.testing.assert_allclose(np.linalg.inv(to_world)[:3] @ [*POINT, 1], [x, -y, -z], atol=1e-12)
 
 
-def test_what_is_no_projection() -> None:
+def test_models_by_name_and_what_is_no_projection() -> None:
     with pytest.raises(InputError, match="P: expected a projection of full rank"):
         from_projection("P", np.zeros((3, 4)), 1, 1)
     skewed = K + [[0, 5.0, 0], [0, 0, 0], [0, 0, 0]]
     with pytest.raises(InputError, match="expected rectangular pixels, found a skew of 5 pixels"):
         from_projection("P", skewed @ np.c_[ROTATION, SHIFT], 1, 1)
+    assert lens("it", {"camera_model": "OPENCV", "k1": 0.1, "p2": 0.2}) == Lens(k1=0.1, p2=0.2)
+    assert lens("it", {}) == Lens()
+    with pytest.raises(InputError, match=r"it: camera_model: expected one of PINHOLE, .*, found 'EQUIRECTANGULAR'"):
+        lens("it", {"camera_model": "EQUIRECTANGULAR"})
 
 
 def test_a_last_row_that_is_rounded_is_exact_again() -> None:
@@ -132,13 +136,6 @@ def test_a_held_out_pixel_that_nobody_has_seen_is_not_scored(tmp_path: Path) -> 
     assert np.array_equal(scene.train[0].valid, view.valid)
     assert np.array_equal(scene.test[0].valid, view.mask > 0)
     assert scene.novel[0].valid is None
-
-
-def test_models_by_name() -> None:
-    assert lens("it", {"camera_model": "OPENCV", "k1": 0.1, "p2": 0.2}) == Lens(k1=0.1, p2=0.2)
-    assert lens("it", {}) == Lens()
-    with pytest.raises(InputError, match=r"it: camera_model: expected one of PINHOLE, .*, found 'EQUIRECTANGULAR'"):
-        lens("it", {"camera_model": "EQUIRECTANGULAR"})
 
 
 @pytest.mark.parametrize(

@@ -55,11 +55,15 @@ def test_texture_truth_is_linear(tiny: Scene, tiny_folder: Path) -> None:
         np.testing.assert_allclose(tiny.truth.roughness, np.asarray(picture.convert("L")) / 255, atol=1e-6)
 
 
-def test_without_truth_its_files_are_not_even_opened(tiny_copy: Path) -> None:
+def test_without_truth_its_files_are_not_even_opened_and_a_mesh_is_optional(tiny_copy: Path) -> None:
     for path in (*(tiny_copy / "truth").rglob("*.*"), *(tiny_copy / "lights").iterdir()):
         path.unlink()
     assert len(NativeReader(tiny_copy).read(truth=False).train) == 16
     refused(tiny_copy, r"albedo_path: truth/train/albedo/0000\.exr: no such file")
+    (tiny_copy / "mesh.ply").unlink()
+    scene = check_scene(NativeReader(tiny_copy).read(truth=False), truth=False)
+    assert scene.mesh is None
+    assert "no mesh.ply in the scene's folder" in scene.notes
 
 
 def test_what_is_written_is_the_same_scene(tiny: Scene, tmp_path: Path) -> None:
@@ -70,13 +74,6 @@ def test_what_is_written_is_the_same_scene(tiny: Scene, tmp_path: Path) -> None:
         np.testing.assert_allclose(getattr(found.mesh, name), getattr(tiny.mesh, name), atol=1e-6)  # normals are normalised
     write_native(tmp_path / "unsaid", replace(tiny, metallic=None))
     assert NativeReader(tmp_path / "unsaid").read(truth=False).metallic is None
-
-
-def test_a_mesh_is_optional(tiny_copy: Path) -> None:
-    (tiny_copy / "mesh.ply").unlink()
-    scene = check_scene(NativeReader(tiny_copy).read(truth=False), truth=False)
-    assert scene.mesh is None
-    assert "no mesh.ply in the scene's folder" in scene.notes
 
 
 def test_true_textures_stay_on_the_coordinates_that_they_belong_to(tiny: Scene, tiny_copy: Path) -> None:
@@ -129,12 +126,9 @@ def sharing(tiny_copy: Path) -> Path:
     return folder
 
 
-def test_a_shared_light_is_read_from_beside_the_scenes(tiny: Scene, sharing: Path) -> None:
+def test_a_shared_light_is_read_from_beside_the_scenes_where_it_is_the_one_of_the_scene(tiny: Scene, sharing: Path) -> None:
     scene = NativeReader(sharing).read(truth=True)
     np.testing.assert_array_equal(scene.truth.lights["night"], tiny.truth.lights["night"])
-
-
-def test_refuses_a_shared_light_that_is_not_the_one_of_the_scene(sharing: Path) -> None:
     path = sharing.parents[1] / "lights" / "any.exr"
     write_exr(path, 2 * read_exr(path, 3))
     refused(sharing, r"any\.exr: expected the light whose SHA-256 .*scene\.json: lights\.night\.sha256 tells")

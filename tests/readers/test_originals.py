@@ -87,12 +87,15 @@ def write_model(folder: Path, model: int = 1, parameters: tuple[float, ...] = (5
     (folder / "sparse" / "0" / "cameras.bin").write_bytes(cameras)
 
 
-def test_a_binary_model_of_colmap(tmp_path: Path) -> None:
+def test_a_binary_model_of_colmap_and_a_second_one_that_is_left_out(tmp_path: Path) -> None:
     write_model(tmp_path)
     scene = ColmapReader(tmp_path).read(truth=False)
     assert {f"{view.name}.JPG" for view in (*scene.train, *scene.test)} == set(PHOTOS)
     for view in (*scene.train, *scene.test):
         expect_seen(view, PHOTOS.index(f"{view.name}.JPG"), 0.5)
+    (tmp_path / "sparse" / "1").mkdir()
+    (tmp_path / "sparse" / "1" / "cameras.bin").write_bytes(b"")
+    assert "sparse/1 is another sparse model and left out" in ColmapReader(tmp_path).read(truth=False).notes
 
 
 def test_parameters_of_colmaps_lenses(tmp_path: Path) -> None:
@@ -118,13 +121,6 @@ def test_a_binary_model_that_ends_too_early(tmp_path: Path, file: str) -> None:
         path.write_bytes(content[:length])
         with pytest.raises(InputError, match=rf"{file}: expected \w+ of a sparse model of COLMAP, found damaged or missing data"):
             ColmapReader(tmp_path).read(truth=False)
-
-
-def test_a_second_sparse_model_is_told(tmp_path: Path) -> None:
-    write_model(tmp_path)
-    (tmp_path / "sparse" / "1").mkdir()
-    (tmp_path / "sparse" / "1" / "cameras.bin").write_bytes(b"")
-    assert "sparse/1 is another sparse model and left out" in ColmapReader(tmp_path).read(truth=False).notes
 
 
 # ---------------------------------------------------------------- IDR, NeuS and LLFF

@@ -17,16 +17,12 @@ def with_cameras(scene: Scene, matrices: list[np.ndarray]) -> Scene:
     return replace(scene, train=tuple(views))
 
 
-def test_a_scene_in_our_conventions_agrees(tiny: Scene) -> None:
+def test_a_scene_in_our_conventions_agrees_also_with_pixels_of_which_nothing_is_known(tiny: Scene) -> None:
     notes: list[str] = []
     assert check_agreement(tiny, notes.append) > 0.97
     assert notes == ["mesh and masks: intersection over union 0.98 over 8 training views"]
-
-
-def test_pixels_of_which_nothing_is_known_do_not_count(tiny: Scene) -> None:
-    """An object of 21 pixels loses a third of its area with a margin of two."""
-    settings = CaptureSettings(margin=2)
-    hidden = captured(tiny, settings, lambda line: None)
+    # an object of 21 pixels loses a third of its area with a margin of two
+    hidden = captured(tiny, CaptureSettings(margin=2), lambda line: None)
     assert check_agreement(hidden, lambda line: None) > 0.97
 
 

@@ -245,20 +245,18 @@ def test_two_meshes_of_one_material_throw_no_light_onto_each_other(tmp_path: Pat
     np.testing.assert_allclose(drawn.images[0], 0.8, atol=0.02)  # what a rough, convex surface reflects of a uniform light of 1
 
 
-def test_a_texture_that_parts_share_is_told(tmp_path: Path) -> None:
+def test_a_large_texture_is_reduced_and_one_that_parts_share_told(tmp_path: Path) -> None:
+    values = picture(0, 8, 8)
+    path = gltf(tmp_path / "a.glb", lambda header: None, baseColorTexture=Image.fromarray(values))
+    mean = srgb_to_linear(values / 255).reshape(4, 2, 4, 2, 3).mean((1, 3))
+    np.testing.assert_allclose(read(path, texture_size=4)[0].albedo, mean, atol=1e-5)
+
     def twice(header: dict[str, Any]) -> None:
         header["nodes"] = [{"mesh": 0}, {"mesh": 0, "translation": [5, 0, 0]}]
         header["scenes"] = [{"nodes": [0, 1]}]
 
     _, notes = read(gltf(tmp_path / "a.glb", twice, baseColorTexture=Image.fromarray(picture(0))))
     assert any("50% of the surface lies over others" in note for note in notes)
-
-
-def test_a_large_texture_is_reduced(tmp_path: Path) -> None:
-    values = picture(0, 8, 8)
-    path = gltf(tmp_path / "a.glb", lambda header: None, baseColorTexture=Image.fromarray(values))
-    mean = srgb_to_linear(values / 255).reshape(4, 2, 4, 2, 3).mean((1, 3))
-    np.testing.assert_allclose(read(path, texture_size=4)[0].albedo, mean, atol=1e-5)
 
 
 def test_coordinates_that_are_all_alike_are_made_anew_where_no_texture_has_them(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_what_was_kept_of_other_directions_is_not_used(spoiled: str) -> None:
     assert {name: values.tolist() for name, values in again.items()} == {name: values.tolist() for name, values in good.items()}
 
 
-def test_a_picture_in_which_nothing_is_seen_is_black() -> None:
+def test_a_picture_in_which_nothing_is_seen_is_black_and_too_large_ones_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     camera = camera_at((2.0, 1.0, 1.5), pixels=9)
     beside = camera.to_world.copy()
     beside[:3, 3] += 100 * beside[:3, 0]
@@ -81,9 +81,6 @@ def test_a_picture_in_which_nothing_is_seen_is_black() -> None:
     drawn = found.render(away, light=LatLongEnvironment(LIGHT, "sky"), albedo_scale=None, quality=Quality(2, 16, 3))
     assert not np.stack(drawn.images).any()
     assert kept() == []
-
-
-def test_pictures_that_are_too_large_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(light_rays, "MOST_BYTES", 0)
     picture(1)
     assert kept() == []

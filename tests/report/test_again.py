@@ -72,9 +72,11 @@ def test_a_share_is_drawn_by_its_seed_and_is_never_empty() -> None:
     assert len(drawn(runs, 1.0, 0)) == 40, "what has failed has no score"
 
 
-def test_a_published_run_knows_its_settings(published: Path) -> None:
+def test_a_published_run_knows_its_settings_but_one_that_was_scored_again_has_no_command(published: Path) -> None:
     (run,) = [run for run in read_published(published / "runs.csv") if run["row"] == "ours, 2"]
     assert overrides_of(run) == [*SETTINGS, "threads=1"]
+    with pytest.raises(InputError, match="scored again, under paper-v1"):
+        overrides_of(run | {"rescored_from_config_hash": "0" * 64})
 
 
 @pytest.mark.parametrize(
@@ -121,12 +123,6 @@ def test_a_run_that_was_published_without_its_hash_is_not_called_another_one(pub
     assert (found.changed, found.problem, found.apart(1e-3)) == ("", "", [])
     repeats(20.0)
     assert f"its identity is {here} now, not 1: " in repeat(run | {"config_hash": "1"}).changed
-
-
-def test_a_run_that_was_scored_again_has_no_command(published: Path) -> None:
-    (run,) = [run for run in read_published(published / "runs.csv") if run["row"] == "ours, 2"]
-    with pytest.raises(InputError, match="scored again, under paper-v1"):
-        overrides_of(run | {"rescored_from_config_hash": "0" * 64})
 
 
 @pytest.mark.parametrize("share", ["0", "1.5", "-1", "half"])

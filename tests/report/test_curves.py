@@ -85,7 +85,7 @@ def test_seeds_that_were_scored_once_each_are_marks(write_run: Write) -> None:
     assert len({line.get_color() for line in lines}) == 1
 
 
-def test_png_and_svg_are_the_same_bytes_each_time(runs: Runs, tmp_path: Path) -> None:
+def test_pictures_are_the_same_bytes_each_time_and_the_mean_lies_between_its_seeds(runs: Runs, tmp_path: Path) -> None:
     contents = []
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
@@ -93,9 +93,6 @@ def test_png_and_svg_are_the_same_bytes_each_time(runs: Runs, tmp_path: Path) ->
         assert [file.name for file in files] == ["hat.png", "hat.svg"]
         contents.append([file.read_bytes() for file in files])
     assert contents[0] == contents[1]
-
-
-def test_the_mean_of_a_band_lies_between_its_seeds(runs: Runs) -> None:
     figure = draw_scene(runs, "hat", ["ours"])
     line = figure.axes[0].get_lines()[0]
     last = line.get_ydata()[-1]  # at 20 s: 24 of one seed, the other on its way from 14.9 at 8 s to 19 at 30 s

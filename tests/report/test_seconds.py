@@ -63,7 +63,7 @@ def test_the_best_so_far_is_straight_in_the_logarithm_between_what_is_better_tha
     assert best_after([(4.0, 14.0), (1.0, 10.0), (2.0, 9.0), (16.0, 15.0), (32.0, 3.0)], cost) == pytest.approx(best)
 
 
-def test_gains_at_equal_seconds_are_taken_scene_by_scene() -> None:
+def test_gains_at_equal_seconds_are_taken_scene_by_scene_and_less_error_is_better() -> None:
     """``ours`` takes sqrt(8) times as long, half way from twice to four times as long in the logarithm: 22 dB, and 24 dB."""
     found = clocked(records()).compared(ALBEDO)
     assert found["ours"].gain.pairs == {"falls": {0: 5.0}, "rises": {0: 5.0}}
@@ -73,9 +73,6 @@ def test_gains_at_equal_seconds_are_taken_scene_by_scene() -> None:
     assert found["four times"].equal.pairs == {"falls": {0: -1.0}, "rises": {0: 0.0}}, "twice as long was better"
     assert (found["ours"].beyond, found["four times"].beyond, found["slow"].beyond) == (False, False, True)
     assert found["slow"].equal.pairs == {"falls": {0: 4.0}, "rises": {0: 0.0}}
-
-
-def test_less_error_is_better() -> None:
     found = clocked(records()).compared(ROUGHNESS)
     between = (1 / 22 + 1 / 26) / 2
     assert found["ours"].equal.pairs["rises"][0] == pytest.approx(between - 1 / 25)
@@ -210,10 +207,15 @@ def test_what_is_decided_at_equal_seconds_is_so_among_all_rows_that_the_curve_ju
     assert told(less)["ours"] == (None, None), "a row that lacks a scene"
 
 
-def test_a_row_of_the_curve_that_was_not_run_is_named() -> None:
+def test_rows_of_the_curve_that_were_not_run_are_named_with_captures_that_lack_them() -> None:
     some = [one for one in records() if one["row"] != "twice"]
     assert "Without “twice”, which the table names for that and which was not run" in clocked(some).told
     assert "Without" not in clocked(records()).told
+    table = replace(TABLE, captures=[{"views": 8}, {}])
+    ends = {row: [", 8 views", *([""] if row != "twice" else [])] for row in SPENT}
+    told = clocked([one | {"row": one["row"] + end} for one in records() for end in ends[one["row"]]], table).told
+    assert "“four times” (4.00) (as they are with 8 views)" in told
+    assert "Without “twice”, which the table names for that and which was not run or not timed with all views, gains" in told
 
 
 def test_the_table_of_captures_calls_rows_by_their_whole_names() -> None:
@@ -226,11 +228,3 @@ def test_the_table_of_captures_calls_rows_by_their_whole_names() -> None:
     assert [cells[0] for cells in printed.body] == [f"{row.name}, 8 views" for row in TABLE.rows]
     assert "“twice” (2.00)" in time.told
     assert time.counted == seconds.CPU
-
-
-def test_captures_that_lack_a_row_of_the_curve_are_named() -> None:
-    table = replace(TABLE, captures=[{"views": 8}, {}])
-    ends = {row: [", 8 views", *([""] if row != "twice" else [])] for row in SPENT}
-    told = clocked([one | {"row": one["row"] + end} for one in records() for end in ends[one["row"]]], table).told
-    assert "“four times” (4.00) (as they are with 8 views)" in told
-    assert "Without “twice”, which the table names for that and which was not run or not timed with all views, gains" in told

@@ -33,16 +33,13 @@ def test_the_interval_over_seeds_is_students(count: int) -> None:
     assert between(over_scenes([values.tolist()])) == pytest.approx(scipy.stats.ttest_1samp(values, 0).confidence_interval(0.95))
 
 
-def test_the_interval_over_two_scenes_is_welchs() -> None:
+def test_the_interval_over_two_scenes_is_welchs_and_what_was_not_repeated_has_none() -> None:
     """The mean of two scenes is half of (a - (-b)), whose interval scipy's Welch test gives."""
     a, b = RANDOM.normal(20, 2, 4), RANDOM.normal(30, 0.5, 3)
     low, high = scipy.stats.ttest_ind(a, -b, equal_var=False).confidence_interval(0.95)
     estimate = over_scenes([a.tolist(), b.tolist()])
     assert between(estimate) == pytest.approx((low / 2, high / 2))
     assert estimate.scenes == 2
-
-
-def test_scenes_weigh_the_same_and_what_was_not_repeated_has_no_interval() -> None:
     assert over_scenes([[10.0, 10.0, 10.0], [20.0]]) == Estimate(15.0, None, 2, pytest.approx(12.7062047 * 5))
     assert over_scenes([[3.0]]) == Estimate(3.0, None)
     assert over_scenes([[3.0, 3.0]]) == Estimate(3.0, 0.0)
@@ -50,16 +47,13 @@ def test_scenes_weigh_the_same_and_what_was_not_repeated_has_no_interval() -> No
     assert over_scenes([[], []]) is None
 
 
-def test_the_paired_difference_is_scipys_and_forgets_the_scenes_own_level() -> None:
+def test_the_paired_difference_is_scipys_of_shared_scenes_and_forgets_their_own_levels() -> None:
     levels, gains = RANDOM.normal(20, 8, 4), RANDOM.normal(1, 0.1, 4)
     runs = [scored("none", f"s{i}", 0, level) for i, level in enumerate(levels)]
     runs += [scored("ours", f"s{i}", 0, level + gain) for i, (level, gain) in enumerate(zip(levels, gains, strict=True))]
     expected = scipy.stats.ttest_rel(levels + gains, levels).confidence_interval(0.95)
     found = difference(runs, "ours", "none").over_seeds
     assert (found.mean - found.wider, found.mean + found.wider) == pytest.approx(expected)
-
-
-def test_the_paired_difference_uses_the_shared_scenes_only() -> None:
     runs = [scored("none", "hat", 0, 10.0), scored("none", "ship", 0, 90.0)]
     runs += [scored("ours", "hat", 0, 12.0), scored("ours", "car", 0, 1.0)]
     assert difference(runs, "ours", "none").over_seeds == Estimate(2.0, None, 1)
@@ -73,9 +67,6 @@ def test_a_mean_is_carried_by_the_pair_without_which_its_sign_changes() -> None:
     assert console.carriers == [("console", 2)]
     assert Paired({"console": {0: 0.23, 1: 0.49, 2: 1.56}}).carriers == []
     assert Paired({"console": {0: 1.0, 1: -1.0, 2: 1.0, 3: -0.5, 4: -0.5, 5: 1.0}}).carriers == [("console", s) for s in (0, 2, 5)]
-
-
-def test_carriers_are_of_the_mean_over_scenes_and_scenes_are_judged_alone() -> None:
     pairs = Paired({"hat": {0: 0.5, 1: 0.7}, "console": {0: 0.23, 1: -0.49, 2: 1.56}})
     assert pairs.carriers == []  # the other scene holds the mean up
     assert pairs.of_scene("console").carriers == [("console", 2)]
@@ -158,14 +149,11 @@ def test_outcome_is_where_the_interval_lies(ours: list[float], theirs: list[floa
     assert verdict({"ours": {"hat": ours}, "theirs": {"hat": theirs}}).outcome == expected
 
 
-def test_a_missing_scene_leaves_it_undecided() -> None:
+def test_a_missing_scene_leaves_it_undecided_and_a_lower_error_is_an_advantage() -> None:
     """What survives of a row that failed elsewhere says nothing about the table."""
     values = {"ours": {"hat": [30.0, 30.1]}, "theirs": {"hat": [20.0, 20.1], "ship": [20.0, 20.1]}}
     assert verdict(values).outcome == "reproduced"
     assert verdict(values, ["hat", "ship"]).outcome == "undecided"
-
-
-def test_a_lower_error_is_an_advantage() -> None:
     found = verdict({"ours": {"hat": [0.010, 0.011, 0.012]}, "theirs": {"hat": [0.030, 0.031, 0.032]}}, metric="roughness.mse")
     assert found.pairs.over_seeds.mean == pytest.approx(0.02)
     assert found.outcome == "reproduced"

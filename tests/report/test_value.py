@@ -77,16 +77,13 @@ def test_a_row_needs_the_photographs_that_the_references_curve_says() -> None:
     assert next(one["needed"] for one in below if one["photographs"] == 2) == 0, "the fewest are better"
 
 
-def test_photographs_are_counted_as_runs_with_all_of_them_have_recorded() -> None:
+def test_photographs_are_those_recorded_and_some_captures_are_read_off_the_whole_curve() -> None:
     """A table made for scenes of 32 photographs, run on scenes of 128: 22 dB then lie half way between 8 and 128."""
     recorded = runs(GAINED)
     recorded["photographs"] = [2 if "2 views" in row else 8 if "8" in row else 128 for row in recorded["row"]]
     found = {one["photographs"]: one for one in worth(recorded, TABLE) if one["metric"] == "aligned_albedo.psnr"}
     assert [*found] == [2, 8, 128]
     assert found[8]["needed"] == pytest.approx(2 ** (3 + 4 * 0.5))
-
-
-def test_a_row_that_runs_with_some_captures_is_read_off_the_whole_curve() -> None:
     some = replace(TABLE, captures=TABLE.captures[:3], rows=[*TABLE.rows[:2], Row("kernel", [], captures=["2 views"])])
     without = as_table(one for one in records(GAINED) if one["row"] not in ("kernel, 8 views", "kernel"))
     found = [one for one in worth(without, some) if one["metric"] == "aligned_albedo.psnr"]
@@ -103,13 +100,15 @@ def test_every_number_of_photographs_takes_the_seeds_that_it_has() -> None:
     assert [(count, found[count]["scenes"], found[count]["pairs"]) for count in (2, 8)] == [(2, 2, 2), (8, 2, 4)]
 
 
-def test_bootstrap_adds_the_variance_of_both_levels() -> None:
+def test_bootstrap_adds_the_variance_of_both_levels_and_draws_runs_as_wholes() -> None:
     generator = np.random.default_rng(3)
     scenes = [generator.normal(mean, 2.0, 30) for mean in generator.normal(0, 1.0, 40)]
     drawn = replicates(scenes, 20_000)
     means = np.array([scene.mean() for scene in scenes])
     expected = means.var() / 40 + np.mean([scene.var() / 30 for scene in scenes]) / 40
     assert drawn.var() == pytest.approx(expected, rel=0.06)  # six standard errors: sqrt(2 / 20000) is .01
+    drawn = replicates([np.array([[1.0, 10.0], [2.0, 20.0]]), np.array([[3.0, 30.0]])], 100)
+    np.testing.assert_allclose(drawn[:, 1], 10 * drawn[:, 0])
 
 
 def test_files_say_what_was_found(tmp_path: Path) -> None:
@@ -175,11 +174,6 @@ def test_without_a_metric_in_decibels_there_is_no_figure_and_without_pairs_nothi
     assert write(as_table([run("none", "s0", 0, 1.0)]), TABLE, tmp_path / "out") == set()
     assert not (tmp_path / "out").exists()
     assert gains(runs(GAINED), replace(TABLE, captures=[])) == [], "scenes that are photographed in one way"
-
-
-def test_what_belongs_to_one_run_is_drawn_together() -> None:
-    drawn = replicates([np.array([[1.0, 10.0], [2.0, 20.0]]), np.array([[3.0, 30.0]])], 100)
-    np.testing.assert_allclose(drawn[:, 1], 10 * drawn[:, 0])
 
 
 def test_the_heat_map_can_be_read_in_a_page_of_800_pixels() -> None:

@@ -179,12 +179,9 @@ def check_latex(text: str) -> None:
             assert len(re.findall(r"(?<!\\)&", row)) + 1 + spans == len(columns), row
 
 
-def test_latex_escapes_every_special_character() -> None:
+def test_latex_and_markdown_escape_every_special_character() -> None:
     assert tex("a_b%#&{}$~^\\") == r"a\_b\%\#\&\{\}\$\textasciitilde{}\textasciicircum{}\textbackslash{}"
     assert (tex("*ours"), tex("[7] theirs")) == ("{}*ours", "{}[7] theirs"), "behind a line's end they would be options of it"
-
-
-def test_markdown_escapes_what_would_be_markup_or_mathematics() -> None:
     assert pipe_table(Printed(["Row"], [["$a_b$ | <i>*c*</i>"]])).splitlines()[-1] == r"| \$a\_b\$ \| \<i\>\*c\*\</i\> |"
 
 

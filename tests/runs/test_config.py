@@ -90,14 +90,9 @@ def test_named_configurations_set_regularisers() -> None:
     assert (mine.method.options["regularise"], mine.row_name) == (["symmetry"], "combined")
 
 
-def test_own_scene_is_called_after_its_folder(tmp_path: Path) -> None:
-    (tmp_path / "mug").mkdir()
-    config = compose(["device=cpu", f"scene.path={tmp_path / 'mug'}"])
-    assert config.scene.name == "mug"
-    assert resolve_scene_folder(config.scene) == tmp_path / "mug"
-
-
-def test_scenes_are_looked_for_in_several_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scenes_are_looked_for_in_several_folders_and_called_after_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for folder in ("first/scenes/hat", "second/scenes/hat", "second/scenes/book"):
         (tmp_path / folder).mkdir(parents=True)
     monkeypatch.setenv("IA_BENCH_DATASETS", f"{tmp_path}/nothing:{tmp_path}/first:{tmp_path}/second")
@@ -107,6 +102,10 @@ def test_scenes_are_looked_for_in_several_folders(tmp_path: Path, monkeypatch: p
         resolve_scene_folder(SceneConfig(name="boook"))
     with pytest.raises(InputError, match="make scenes SCENES=drum"):
         resolve_scene_folder(SceneConfig(name="drum"))
+    (tmp_path / "mug").mkdir()
+    config = compose(["device=cpu", f"scene.path={tmp_path / 'mug'}"])
+    assert config.scene.name == "mug"
+    assert resolve_scene_folder(config.scene) == tmp_path / "mug"
 
 
 def test_another_reader_needs_no_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

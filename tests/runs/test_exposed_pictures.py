@@ -8,14 +8,11 @@ from ia_bench.runs.pictures.drawing import CUT_MARGIN, GREY, cut_out, exposure, 
 from ia_bench.runs.pictures.preview import GAP, LINE, labelled
 
 
-def test_exposure_shows_all_but_the_brightest_hundredth_of_the_foreground() -> None:
+def test_exposure_shows_all_but_the_brightest_hundredth_of_all_foregrounds() -> None:
     images, masks = np.full((1, 20, 20, 3), 0.5, np.float32), np.ones((1, 20, 20), np.float32)
     images[0, 0, 0], images[0, 10:], masks[0, 10:] = 1e6, 7.0, 0.0
     assert exposure(images, masks) == pytest.approx(2)
-
-
-def test_one_exposure_serves_images_of_different_sizes() -> None:
-    """199 pixels of 4 and two of 10, in two pictures: the brightest hundredth is left out."""
+    # 199 pixels of 4 and two of 10, in two pictures: the brightest hundredth is left out
     images = [np.full((10, 10, 3), 4.0), np.full((1, 101, 3), 4.0)]
     images[1][0, :2] = 10.0
     assert exposure(images, [np.ones(image.shape[:2]) for image in images]) == pytest.approx(1 / 4)

@@ -36,7 +36,7 @@ def good_record() -> RunRecord:
     return RunRecord(**LABELS, config_hash=HASH, status="ok", metrics=metrics, reasons={"roughness.mse": "no ground truth"})
 
 
-def test_failure_is_recorded_and_is_not_finished(folder: RunFolder) -> None:
+def test_failure_is_recorded_in_one_line_and_is_not_finished(folder: RunFolder) -> None:
     folder.save_checkpoint({"step": 3})
     try:
         raise FloatingPointError("albedo stopped being finite at step 7")
@@ -48,10 +48,7 @@ def test_failure_is_recorded_and_is_not_finished(folder: RunFolder) -> None:
     assert "test_folder.py" in record["traceback"]
     assert folder.finished() is None
     assert folder.load_checkpoint() == {"step": 3}
-
-
-def test_what_a_failure_says_in_many_lines_is_one_in_the_record(folder: RunFolder) -> None:
-    """Reports list failures line by line; the traceback has all of it."""
+    # reports list failures line by line; the traceback has all of it
     folder.write_failure(RuntimeError("CUDA error\n\n# set CUDA_LAUNCH_BLOCKING"), LABELS)
     record = json.loads((folder.path / METRICS_FILE).read_text())
     assert (record["error"], "# set" in record["traceback"]) == ("RuntimeError: CUDA error", True)
@@ -86,9 +83,7 @@ def test_a_file_system_without_locks_is_a_plain_error(tmp_path: Path, monkeypatc
         raise OSError(errno.ENOSYS, "Function not implemented")
 
     monkeypatch.setattr(checkpoint.fcntl, "flock", as_lustre)
-    with pytest.raises(
-        InputError, match=r"run: expected a file system on which files can be locked, found: Function not implemented"
-    ):
+    with pytest.raises(InputError, match="run: expected a file system on which files can be locked, found: Function not impl"):
         RunFolder(tmp_path / "run", CONFIG, HASH)
 
 
@@ -181,22 +176,16 @@ def test_who_is_killed_while_claiming_a_failed_run_may_come_again(folder: RunFol
 
 
 def test_a_run_that_goes_on_says_where_its_files_are_now(folder: RunFolder) -> None:
-    """Of a finished one nothing is changed."""
-    path, moved = folder.path, {"command": "ia-bench run scene.path=/b", "config": {"scene": {"path": "/b"}}}
+    """Also after a failure; of a finished one nothing is changed."""
+    path = folder.path
     folder.__exit__(None, None, None)
-    with RunFolder(path, CONFIG, HASH, setup=moved) as again:
-        assert RunSetup.read(path).config == moved["config"]
-        again.write_record(good_record())
+    for place in "bc":
+        moved = {"command": f"ia-bench run scene.path=/{place} row=b", "config": {"scene": {"path": f"/{place}"}, "row": "b"}}
+        with RunFolder(path, CONFIG, HASH, setup=moved) as again:
+            assert (RunSetup.read(path).command, RunSetup.read(path).config) == (moved["command"], moved["config"])
+            again.write_failure("the disk is full", LABELS) if place == "b" else again.write_record(good_record())
     RunFolder(path, CONFIG, HASH, setup={"command": "", "config": {}}).__exit__(None, None, None)
     assert RunSetup.read(path).command == moved["command"]
-
-
-def test_a_failed_run_that_is_tried_again_says_where_its_files_are_now(folder: RunFolder) -> None:
-    path, moved = folder.path, {"command": "ia-bench run scene.path=/b row=b", "config": {"scene": {"path": "/b"}, "row": "b"}}
-    folder.write_failure("the disk is full", LABELS)
-    folder.__exit__(None, None, None)
-    with RunFolder(path, CONFIG, HASH, setup=moved):
-        assert (RunSetup.read(path).command, RunSetup.read(path).config) == (moved["command"], moved["config"])
 
 
 def test_checkpoint_returns_what_it_was_given(folder: RunFolder) -> None:
@@ -263,11 +252,16 @@ def test_checkpoint_that_would_run_code_is_ignored(folder: RunFolder) -> None:
     assert not (folder.path / "executed").exists()
 
 
-def test_what_is_written_is_read(folder: RunFolder) -> None:
+def test_what_is_written_is_read_and_says_how_far_it_can_be_trusted(folder: RunFolder) -> None:
     written = folder.write_record(good_record())
     assert folder.finished() == written == RunRecord.read(folder.path) == finished_record(folder.path, folder.config_hash)
     assert finished_record(folder.path, "b" * 64) is None
     assert (written.score("albedo.psnr"), written.score("roughness.mse"), written.score("gloss.psnr")) == (20.0, None, None)
+    record = replace(good_record(), environment={"commit": "abc", "threads": 1})
+    assert (record.clean, record.threads) == (True, 1)
+    changed = replace(record, environment={"commit": "abc+changes"})
+    assert (changed.clean, changed.threads) == (False, None)
+    assert good_record().clean is None  # of no checkout: nobody knows
 
 
 def test_a_metric_more_or_less_and_a_key_of_a_later_version_are_read(tmp_path: Path) -> None:
@@ -275,14 +269,6 @@ def test_a_metric_more_or_less_and_a_key_of_a_later_version_are_read(tmp_path: P
     content = asdict(good_record()) | {"metrics": {"gloss": {"error": 1.5}}, "weather": "rain"}
     (tmp_path / METRICS_FILE).write_text(json.dumps(content))
     assert (RunRecord.read(tmp_path).score("gloss.error"), RunRecord.read(tmp_path).score("albedo.psnr")) == (1.5, None)
-
-
-def test_how_far_a_record_can_be_trusted_stands_in_it() -> None:
-    record = replace(good_record(), environment={"commit": "abc", "threads": 1})
-    assert (record.clean, record.threads) == (True, 1)
-    changed = replace(record, environment={"commit": "abc+changes"})
-    assert (changed.clean, changed.threads) == (False, None)
-    assert good_record().clean is None  # of no checkout: nobody knows
 
 
 WRONG = [

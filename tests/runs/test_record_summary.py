@@ -23,7 +23,7 @@ def summary(predictions: Predictions, truth: Predictions) -> list[str]:
     return RunRecord(row="none", scene="owl", seed=0, protocol="p", config_hash="", status="ok", **scores).summary().split("\n")
 
 
-def test_of_photographs_alone_one_line_names_all_that_has_no_truth() -> None:
+def test_of_photographs_one_line_names_all_without_a_truth_and_another_reason_is_said_as_it_is() -> None:
     """sRGB of .2 and .25 are .48453 and .53710, whose difference is 25.59 dB below 1."""
     head, shown, rest = summary(Predictions(view_synthesis=pictures(0.2)), Predictions(view_synthesis=pictures(0.25)))
     assert head == HEAD
@@ -33,9 +33,6 @@ def test_of_photographs_alone_one_line_names_all_that_has_no_truth() -> None:
     assert title == "  not scored (no truth)"
     lacking = {"albedo", "aligned_albedo", "relighting", "roughness", "light", "log_light", "albedo_error"}
     assert sorted(names.split(", ")) == sorted(lacking)
-
-
-def test_another_reason_is_said_as_it_is_and_what_is_defined_in_part_stays() -> None:
     grey = pictures(0.2)
     lines = summary(Predictions(albedo=grey), Predictions(albedo=grey, view_synthesis=grey, roughness=None))
     assert "  not scored (the method does not predict view synthesis): view_synthesis" in lines

@@ -33,16 +33,13 @@ def write(path: Path, image: np.ndarray, first: Corner, shown: tuple[Corner, Cor
 IMAGE = np.random.default_rng(0).random((HEIGHT, WIDTH, 4)).astype(np.float32)
 
 
-def test_what_is_not_stored_is_zero(tmp_path: Path) -> None:
+def test_what_is_not_stored_is_zero_and_what_is_beyond_the_picture_is_cut(tmp_path: Path) -> None:
     write(tmp_path / "a.exr", IMAGE[4:15, 9:28], (9, 4))
     expected = np.zeros_like(IMAGE)
     expected[4:15, 9:28] = IMAGE[4:15, 9:28]
     np.testing.assert_array_equal(read_exr(tmp_path / "a.exr", 4), expected)
     np.testing.assert_array_equal(read_exr(tmp_path / "a.exr", 3), expected[..., :3])
-
-
-def test_what_is_beyond_the_picture_is_cut(tmp_path: Path) -> None:
-    """Renderers store a margin for filters, on some sides or on all of them."""
+    # renderers store a margin for filters, on some sides or on all of them
     write(tmp_path / "all.exr", np.pad(IMAGE, ((2, 1), (3, 5), (0, 0)), constant_values=9), (-3, -2))
     np.testing.assert_array_equal(read_exr(tmp_path / "all.exr", 4), IMAGE)
     write(tmp_path / "left.exr", np.pad(IMAGE[:, :20], ((0, 0), (3, 0), (0, 0)), constant_values=9), (-3, 0))
@@ -68,16 +65,12 @@ def test_radiance_of_other_primaries_is_refused(tmp_path: Path) -> None:
 HEAD = b"#?RADIANCE\n# a comment\nFORMAT=32-bit_rle_rgbe\n\n"
 
 
-def test_flat_rows_by_hand(tmp_path: Path) -> None:
+def test_flat_and_encoded_rows_by_hand(tmp_path: Path) -> None:
     """(128, 64, 32, 129) is 128 * 2^(129 - 136) = 1, a half and a quarter; an exponent of 0 is black."""
     path = tmp_path / "it.hdr"
     path.write_bytes(HEAD + b"-Y 1 +X 3\n" + bytes([128, 64, 32, 129, 255, 0, 1, 136, 9, 9, 9, 0]))
     np.testing.assert_array_equal(read_rgbe(path), [[[1, 0.5, 0.25], [255, 0, 1], [0, 0, 0]]])
-
-
-def test_encoded_rows_by_hand(tmp_path: Path) -> None:
-    """Eight pixels: a run of 8, a run of 5 and 3 single bytes, 8 single bytes, a run of 8."""
-    path = tmp_path / "it.hdr"
+    # eight pixels: a run of 8, a run of 5 and 3 single bytes, 8 single bytes, a run of 8
     row = bytes([2, 2, 0, 8, 136, 7, 133, 1, 3, 2, 3, 4, 8, *range(8), 136, 136])
     path.write_bytes(HEAD + b"-Y 2 +X 8\n" + row + row)
     picture = read_rgbe(path)
@@ -110,15 +103,12 @@ def test_what_is_no_picture(tmp_path: Path, content: bytes, says: str) -> None:
 CODES = np.linspace(0, 1, 4097)
 
 
-def test_srgb_round_trip() -> None:
+def test_srgb_against_scikit_image_and_there_and_back() -> None:
     np.testing.assert_allclose(linear_to_srgb(srgb_to_linear(CODES)), CODES, atol=1e-7)
     np.testing.assert_allclose(srgb_to_linear(linear_to_srgb(3 * CODES)), 3 * CODES, atol=1e-6)
     assert linear_to_srgb(np.array([0.0, 1.0])) == pytest.approx([0, 1], abs=1e-9)
     assert (np.diff(linear_to_srgb(np.linspace(-0.1, 2, 9999))) > 0).all()
-
-
-def test_srgb_against_scikit_image() -> None:
-    """scikit-image decodes on its way to XYZ; Y of a grey is its linear value, whatever the primaries."""
+    # scikit-image decodes on its way to XYZ; Y of a grey is its linear value, whatever the primaries
     grey = np.repeat(CODES[:, None], 3, axis=1)
     np.testing.assert_allclose(srgb_to_linear(CODES), rgb2xyz(grey)[:, 1], atol=1e-5)
     np.testing.assert_allclose(linear_to_srgb(CODES), xyz2rgb(rgb2xyz(linear_to_srgb(grey)))[:, 1], atol=1e-3)

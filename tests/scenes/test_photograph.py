@@ -19,16 +19,17 @@ from ia_bench.scenes.photograph import open_picture, read_arrays, read_mask, rea
 
 # ---------------------------------------------------------------- pictures that are none
 # Each in a format whose decoder has an exception of its own for it, and pictures stored in other turns.
-def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
+def test_a_damaged_picture_and_colours_of_lab_are_told_and_damaged_exif_does_no_harm(tmp_path: Path) -> None:
     (tmp_path / "size.ppm").write_bytes(b"P6\n3x 2\n255\n" + bytes(18))  # at which Pillow raises a ValueError
     with pytest.raises(InputError, match="size.ppm: expected a picture"):
         open_picture(tmp_path / "size.ppm", upright=True)
-
-
-def test_colours_of_lab_are_told(tmp_path: Path) -> None:
     Image.new("LAB", (3, 2)).save(tmp_path / "lab.tif")
     with pytest.raises(InputError, match="lab.tif: expected red, green and blue, or grey, found the colours of CIE Lab"):
         read_photograph(tmp_path / "lab.tif")
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    Image.fromarray(pixels).save(tmp_path / "damaged.png", exif=b"Exif\0\0no record")
+    assert recorded_exposure(tmp_path / "damaged.png") is None
+    np.testing.assert_array_equal(np.asarray(open_picture(tmp_path / "damaged.png", upright=True)), pixels)
 
 
 def test_sizes_are_read_before_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,10 +196,3 @@ def test_bits_that_are_lost_are_told(tmp_path: Path, colour: int, channels: int,
     assert all("deep.png: its 16 bits a channel are read as 8" in note for note in notes)
     kept = srgb_to_linear(np.array(0xFE80 / 65535 if not told else 0xFE / 255)) * coverage
     np.testing.assert_allclose(radiance[..., 0], kept, rtol=1e-5)
-
-
-def test_a_picture_with_damaged_exif_is_read_as_it_is(tmp_path: Path) -> None:
-    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
-    Image.fromarray(pixels).save(tmp_path / "damaged.png", exif=b"Exif\0\0no record")
-    assert recorded_exposure(tmp_path / "damaged.png") is None
-    np.testing.assert_array_equal(np.asarray(open_picture(tmp_path / "damaged.png", upright=True)), pixels)

@@ -26,14 +26,11 @@ def views(tiny: Scene) -> list[View]:
     return found
 
 
-def test_a_shape_against_itself(views: list[View]) -> None:
+def test_a_ball_against_itself_and_a_smaller_one(views: list[View]) -> None:
     scores = score_geometry(Stage(sphere(5, radius=0.5), CPU), sphere(5, radius=0.5), views, 0.5)
     assert scores["normals_degrees"] == pytest.approx(0, abs=0.05)  # the arc cosine of float32
     assert (scores["depth"], scores["chamfer"], scores["missed_share"], scores["reasons"]) == (0, 0, 0, {})
     assert scores["mask_iou"] == pytest.approx(1, abs=0.005)
-
-
-def test_a_smaller_ball(views: list[View]) -> None:
     scores = score_geometry(Stage(sphere(5, radius=0.4), CPU), sphere(5, radius=0.5), views, 0.5)
     diagonal = np.sqrt(3.0)
     assert scores["chamfer"] == pytest.approx(0.1 / diagonal, rel=0.1)

@@ -10,12 +10,9 @@ from ia_bench.common.settings import parsed
 from ia_bench.scores.protocol import LpipsSettings, Protocol, SsimSettings, shipped
 
 
-def test_the_configuration_file_of_the_papers_protocol_is_the_defaults() -> None:
+def test_the_papers_protocol_is_the_defaults_and_that_of_published_tables_described_as_ever() -> None:
     assert shipped("paper-v3") == Protocol()
     assert "noise" in Protocol().describe()
-
-
-def test_the_protocol_of_the_published_tables_is_described_as_ever() -> None:
     content = json.dumps(shipped("paper-v2").describe(), sort_keys=True).encode()
     assert hashlib.sha256(content).hexdigest()[:12] == "aa9ce6a4d15c"  # of commit 497615e0, part of every protocol_hash
 

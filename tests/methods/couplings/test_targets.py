@@ -86,16 +86,13 @@ def test_one_weight_a_component(problem: Problem, texture: Tensor, seen: Tensor,
     assert kind(albedo=0.0, specular=1.0).uses(BOTH) == {"specular"}
 
 
-def test_distilled_loss_is_half_the_square_and_needs_no_alignment(problem: Problem, texture: Tensor, seen: Tensor) -> None:
+def test_distilled_loss_is_half_the_square_in_any_unit_and_unaligned(problem: Problem, texture: Tensor, seen: Tensor) -> None:
     distilled = prepared(Distilled(), problem, even(albedo=0.5 * seen, specular=0.25 * seen), texture)
     assert distilled.state() == {}
     exact, found = seen.double().numpy(), losses(distilled, seen, torch.arange(len(seen)))
     for name, factor in (("albedo", 0.5), ("specular", 0.25)):
         expected = 0.5 * ((linear_to_srgb(exact) - linear_to_srgb(factor * exact)) ** 2).mean()
         assert found[name] == pytest.approx(expected, rel=1e-4)
-
-
-def test_a_distilled_loss_is_the_same_in_any_unit_of_radiance(problem: Problem, seen: Tensor) -> None:
     found = {}
     for unit in (1.0, 1e-3):
         other = altered(problem, prior=Encoded(), photographs=replace(problem.photographs, unit=unit))

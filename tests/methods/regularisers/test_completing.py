@@ -103,13 +103,10 @@ def test_expectation_is_that_of_the_formula() -> None:
     np.testing.assert_allclose(found, wanted, atol=1e-5)
 
 
-def test_context_may_not_overwrite_what_symmetry_guessed() -> None:
+def test_context_comes_before_symmetry_and_options_of_a_class_go_by_its_name() -> None:
     with pytest.raises(InputError, match="^fit.regularise: expected context before symmetry, .* found symmetry, parsimony"):
         check_regularisers(["symmetry", "parsimony", "context"], {})
     check_regularisers(["context", "parsimony", "symmetry"], {})
-
-
-def test_options_of_a_class_go_by_its_name() -> None:
     named = f"{Symmetry.__module__}:Symmetry"
     check_regularisers([named], {"Symmetry": {"amount": 0.25}})
     with pytest.raises(InputError, match="fit.regulariser_options.Symmetry.amount"):

@@ -198,11 +198,8 @@ class Named(Coupling):
         return {self.name: 0 * render.albedo.mean()}
 
 
-def test_a_loss_of_a_coupling_stands_beside_those_of_the_fit_whatever_its_name(problem: Problem, scene: Scene) -> None:
+def test_a_coupling_names_its_losses_as_it_likes_but_may_not_ask_again_about_no_view(problem: Problem, scene: Scene) -> None:
     mine, image = (fit(coupled(problem, Named(name)), noisy(scene)[1], SETTINGS, Record()) for name in ("mine", "image"))
     assert same(mine, image)
-
-
-def test_a_coupling_that_asks_again_about_no_view_is_refused(problem: Problem, scene: Scene) -> None:
     with pytest.raises(PluginError, match=r"asks again every 3 steps, so expected views of 1 or more, found 0"):
         fit(coupled(problem, Named(period=3)), noisy(scene)[1], SETTINGS, Record())

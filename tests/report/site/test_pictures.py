@@ -62,13 +62,18 @@ def test_an_error_map_holds_the_root_mean_square_of_what_a_pixel_covers() -> Non
     assert decoded(packing.error_map(np.ones((4, 4, 1)), np.zeros((4, 4, 1)), np.ones((4, 4), bool)))[0, 0] == packing.LARGEST
 
 
-def test_a_sheet_has_its_pictures_in_rows_of_five() -> None:
+def test_a_sheet_has_its_pictures_in_rows_of_five_and_a_texture_its_mean_and_side() -> None:
     pictures = [np.full((8, 8, 3), place / 10) for place in range(7)]
     image = np.asarray(Image.open(io.BytesIO(packing.sheet(pictures))).convert("RGB"))
     assert image.shape == (16, 40, 3)
     assert [image[8 * (place // 5), 8 * (place % 5), 0] for place in range(7)] == [round(25.5 * place) for place in range(7)]
     large = Image.open(io.BytesIO(packing.sheet([np.zeros((300, 300, 3))])))
     assert large.size == (packing.TILE, packing.TILE)
+    # linear .25 is 137 of 255 on a display; roughness stays as it is
+    large = packing.textures(np.full((512, 512, 3), 0.25), np.full((16, 16), 0.5))
+    assert picture_of(large["albedo"]).shape == (256, 256, 3)
+    assert picture_of(large["albedo"]).mean() == pytest.approx(137, abs=1.5)
+    assert picture_of(large["roughness"]).mean() == pytest.approx(127.5, abs=1.5)
 
 
 def test_a_light_is_read_back_from_radiance_where_a_viewer_looks_for_it() -> None:
@@ -102,14 +107,6 @@ def test_the_solid_is_the_mesh_to_less_than_a_pixel(tiny_folder: Path) -> None:
 
 def picture_of(address: str) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(address.partition(",")[2]))).convert("RGB"), float)
-
-
-def test_a_texture_keeps_its_mean_and_its_side() -> None:
-    """Linear .25 is 137 of 255 on a display; roughness stays as it is."""
-    large = packing.textures(np.full((512, 512, 3), 0.25), np.full((16, 16), 0.5))
-    assert picture_of(large["albedo"]).shape == (256, 256, 3)
-    assert picture_of(large["albedo"]).mean() == pytest.approx(137, abs=1.5)
-    assert picture_of(large["roughness"]).mean() == pytest.approx(127.5, abs=1.5)
 
 
 @pytest.fixture(scope="module")
