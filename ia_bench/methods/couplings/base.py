@@ -12,6 +12,7 @@ from torch import Tensor
 from ia_bench.common import registry
 from ia_bench.common.errors import PluginError
 from ia_bench.common.ranges import Weight
+from ia_bench.material.textures import fetch
 from ia_bench.methods.contract import Coupling, NoCoupling, PixelSamples, Problem, StepRender
 from ia_bench.methods.info import AUTO
 from ia_bench.methods.validation import checked_part
@@ -49,6 +50,14 @@ def coupling_of(
 def encode(linear: Tensor, encoding: str) -> Tensor:
     """Linear values in a prior's ``encoding``, "linear" or "srgb"."""
     return linear_to_srgb(linear) if encoding == "srgb" else linear
+
+
+def shown(texture: Tensor, pixels: Tensor, problem: Problem) -> Tensor:
+    """What G-buffer entries (B,) show of a texture (T, T, C): means (B, C) over their points, of which a miss is black."""
+    gbuffer = problem.gbuffer
+    face, barycentric = gbuffer.face[pixels], gbuffer.barycentric[pixels]
+    values = fetch(texture, problem.renderer.surface.uv(face.clamp_min(0).long(), barycentric))
+    return (values * (face >= 0)[..., None]).mean(1)
 
 
 def per_view(values: Tensor, view: Tensor, views: int) -> Tensor:

@@ -15,7 +15,7 @@ from torch import Tensor
 from ia_bench.common.ranges import Positive, Weight
 from ia_bench.material.textures import fetch
 from ia_bench.methods.contract import PixelSamples, Problem, StepRender
-from ia_bench.methods.couplings.base import WeightedCoupling, per_view
+from ia_bench.methods.couplings.base import WeightedCoupling, per_view, shown
 from ia_bench.scenes.color import linear_to_srgb
 
 PAIRS = 4  # partners of a pixel in one step: others follow in the next, and one is a noisy estimate (docs/log/supervision.md)
@@ -69,10 +69,7 @@ class Kernel(WeightedCoupling):
     def albedo_loss(self, render: StepRender, pixels: Tensor) -> Tensor:
         """See the class."""
         texture, generator = render.texture, render.generator
-        gbuffer = self._problem.gbuffer
-        hit, face = gbuffer.face[pixels] >= 0, gbuffer.face[pixels].clamp_min(0).long()
-        own = fetch(texture, self._problem.renderer.surface.uv(face, gbuffer.barycentric[pixels]))
-        albedo = (own * hit[..., None]).mean(1)
+        albedo = shown(texture, pixels, self._problem)
         partner, uv, there = self._partners(pixels, generator)
         here = pixels.repeat_interleave(PAIRS)
         weight = self._filled[here] * self._filled[partner] * there

@@ -15,7 +15,7 @@ from torch import Tensor
 from ia_bench.common.ranges import Number
 from ia_bench.material.textures import fetch
 from ia_bench.methods.contract import PixelSamples, Problem, StepRender
-from ia_bench.methods.couplings.base import WeightedCoupling, encode, per_view
+from ia_bench.methods.couplings.base import WeightedCoupling, encode, per_view, shown
 
 ALIGNMENT_PIXELS = 65_536  # about this many pixels of all views, and their share of those asked about, estimate the alignment
 ALIGNMENT_PERIOD = 10  # steps between two estimates
@@ -32,16 +32,20 @@ class Targets(WeightedCoupling):
         ssi: How renders are aligned with the prior's albedo, per view: "scale", "scale_shift" (mean and spread, as in Ranftl et
             al. 2022) or "none".
         sets_albedo: Whether a fit starts from the prior's albedo, averaged over the views on the surface.
+        single_texels: Whether what the prior says of albedo moves single texels alone. Else the steps at coarser scales and the
+            scale-ambiguity step follow it, too, and bring the colour that a prior errs by in all views faster than photographs
+            can object (docs/log/supervision.md).
     """
 
     says_albedo: ClassVar[bool] = True
     ssi: Literal["scale_shift", "scale", "none"] = "scale"
     sets_albedo: bool = True
+    single_texels: bool = False
 
     def prepare(self, samples: PixelSamples, problem: Problem) -> None:
         """Encode the targets, and choose the pixels that estimate the alignment, of those that the prior was asked about."""
         super().prepare(samples, problem)
-        gbuffer = self._gbuffer = problem.gbuffer
+        self._problem, gbuffer = problem, problem.gbuffer
         self._alignment: ViewAlignment | None = None
         if "albedo" not in samples.values:
             return
@@ -59,8 +63,8 @@ class Targets(WeightedCoupling):
         """Estimate the alignment where it is due; a pure function of step and texture."""
         if "albedo" in self._uses and (self._alignment is None or step % ALIGNMENT_PERIOD == 0):
             hit, uv = self._aligning
-            prediction, view = (fetch(texture, uv) * hit).sum(1) / hit.shape[1], self._gbuffer.view(self._chosen)
-            found = Statistics.of(prediction, view, self._gbuffer.shape[0])
+            prediction, view = (fetch(texture, uv) * hit).sum(1) / hit.shape[1], self._problem.gbuffer.view(self._chosen)
+            found = Statistics.of(prediction, view, self._problem.gbuffer.shape[0])
             with torch.enable_grad():
                 mean, spread = found.mean.requires_grad_(), found.spread.requires_grad_()
                 alignment = align(found, self._statistics, self.ssi)
@@ -73,14 +77,15 @@ class Targets(WeightedCoupling):
     def albedo_loss(self, render: StepRender, pixels: Tensor) -> Tensor:
         """See the class."""
         assert self._alignment is not None, "update() comes first"
-        kept = render.albedo.detach()
-        slope = self._slope(kept, self._gbuffer.view(pixels)) * (self._weight[pixels] > 0)
-        through_statistics = slope * (render.albedo - kept)  # zero; its gradient is what counts
-        return (self._differences(render.albedo, pixels, self._alignment) + through_statistics).mean()
+        albedo = shown(render.texture, pixels, self._problem) if self.single_texels else render.albedo
+        kept = albedo.detach()
+        slope = self._slope(kept, self._problem.gbuffer.view(pixels)) * (self._weight[pixels] > 0)
+        through_statistics = slope * (albedo - kept)  # zero; its gradient is what counts
+        return (self._differences(albedo, pixels, self._alignment) + through_statistics).mean()
 
     def _differences(self, prediction: Tensor, pixels: Tensor, alignment: ViewAlignment) -> Tensor:
         """How far (B, 3) predictions are from the targets of ``pixels`` when they are aligned, weighted."""
-        gbuffer = self._gbuffer
+        gbuffer = self._problem.gbuffer
         coverage = (gbuffer.face[pixels] >= 0).float().mean(1, keepdim=True)
         aligned = alignment(prediction, gbuffer.view(pixels), coverage)
         return self._weight[pixels] * (self._encoded("albedo", aligned) - self._said["albedo"][pixels]).abs()

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.methods.contract import Coupling, PixelSamples, Problem, StepRender
-from ia_bench.methods.couplings.base import encode
+from ia_bench.methods.couplings.base import encode, shown
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.couplings.targets import ALIGNMENT_PERIOD, Distilled, Statistics, Targets, ViewAlignment, align
 from ia_bench.priors.contract import PriorInfo
@@ -228,3 +228,23 @@ def test_the_gradient_is_that_of_the_whole_loss(problem: Problem, texture: Tenso
         assert abs(float((gradient * values).sum())) < 1e-3 * size
         if mode == "scale_shift":
             assert abs(float(gradient.sum())) < 1e-3 * float(gradient.abs().sum())
+
+
+def test_single_texels_are_pulled_as_renders_are_and_nothing_else_is(problem: Problem, texture: Tensor, seen: Tensor) -> None:
+    """The gradient goes into the texture that coarser scales and the scale ambiguity do not see, and is the same."""
+    chosen = torch.arange(0, len(seen), 3)
+    gradients: dict[bool, list[Tensor | None]] = {}
+    for single in (False, True):
+        targets = prepared(Targets(single_texels=single), problem, even(albedo=seen.flip(0)), texture)
+        shared, alone = (texture.clone().requires_grad_(True) for _ in range(2))
+        rendered = shown(shared, chosen, problem)
+        torch.testing.assert_close(rendered.detach(), seen[chosen])
+        render = StepRender(rendered, rendered, alone, torch.Generator())
+        (loss,) = targets.loss(render, chosen).values()
+        loss.backward()
+        gradients[single] = [shared.grad, alone.grad]
+    pulled = gradients[False][0]
+    assert pulled is not None
+    assert float(pulled.abs().max()) > 1e-5
+    assert (gradients[False][1], gradients[True][0]) == (None, None)
+    torch.testing.assert_close(gradients[True][1], pulled, rtol=1e-4, atol=1e-7)
