@@ -65,21 +65,21 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
         logger.disabled = was
 
 
-def gltf_header(path: Path) -> tuple[dict[str, Any], bytes]:
-    """The JSON of a glTF file, and the chunks behind it in a .glb. Raises InputError."""
+def gltf_header(path: Path) -> tuple[dict[str, Any], int]:
+    """The JSON of a glTF file, and where the chunks behind it begin in a .glb, which are not read. Raises InputError."""
     if path.suffix.lower() == ".gltf":
-        return read_json(path), b""
-    content = path.read_bytes()
+        return read_json(path), 0
     try:
-        magic, version, _, size, kind = struct.unpack_from("<4sIII4s", content)
-        if (magic, version, kind) != (b"glTF", 2, b"JSON"):
-            raise ValueError
-        header = json.loads(content[20 : 20 + size])
+        with path.open("rb") as file:
+            magic, version, _, size, kind = struct.unpack("<4sIII4s", file.read(20))
+            if (magic, version, kind) != (b"glTF", 2, b"JSON"):
+                raise ValueError
+            header = json.loads(file.read(size))
         if not isinstance(header, dict):
             raise ValueError
     except (struct.error, ValueError, RecursionError):
         raise InputError(f"{path}: expected a binary glTF 2.0 file, found another or a damaged one") from None
-    return header, content[20 + size :]
+    return header, 20 + size
 
 
 def expect_plain_gltf(path: Path, header: Mapping[str, Any], *, uv: bool = True) -> None:
@@ -103,7 +103,7 @@ def expect_plain_gltf(path: Path, header: Mapping[str, Any], *, uv: bool = True)
 def named_by_gltf(path: Path, *kinds: str) -> list[Path]:
     """The files beside a glTF that it names as "buffers" or "images"; none of another file, or of one that cannot be read."""
     try:
-        header = gltf_header(path)[0] if path.suffix.lower() in (".gltf", ".glb") else {}
+        header = gltf_header(path)[0] if path.suffix.lower() in (".gltf", ".glb") and path.is_file() else {}
         listed = [one for kind in kinds for one in header.get(kind, [])]
         uris = [str(one.get("uri", "data:")) for one in listed]
         return [file for uri in uris if not uri.startswith("data:") and (file := path.parent / unquote(uri)).is_file()]

@@ -102,7 +102,7 @@ REPEAT = 10497  # as the specification numbers it
 
 def _gltf(path: Path, note: Note) -> Parts:
     """Parts and materials of a glTF file; trimesh reads geometry and pictures, factors are taken from the file, unrounded."""
-    header, rest = gltf_header(path)
+    header, end = gltf_header(path)
     expect_plain_gltf(path, header)
     materials = header.setdefault("materials", [])
     used = {IGNORED[key] for material in materials for key in IGNORED if key in material}
@@ -118,7 +118,7 @@ def _gltf(path: Path, note: Note) -> Parts:
     materials.append({"name": str(len(materials)), "_name": ""})
     text = json.dumps(header).encode()
     if path.suffix.lower() == ".glb":
-        text += b" " * (-len(text) % 4)
+        text, rest = text + b" " * (-len(text) % 4), path.read_bytes()[end:]
         text = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON") + text + rest
     parts, surfaces = [], dict[str, Surface]()
     metals = [one for one in materials[:-1] if not METALLIC & one.get("pbrMetallicRoughness", {}).keys()]
@@ -134,7 +134,7 @@ def _gltf(path: Path, note: Note) -> Parts:
         name = (said if said in ("", plain) else f"{plain} ({said})") or "what has no material"
         if name not in surfaces:
             pictures = getattr(material, "baseColorTexture", None), getattr(material, "metallicRoughnessTexture", None)
-            surfaces[name] = _gltf_surface(path, header, number, *pictures)
+            surfaces[name] = _gltf_surface(path, f"{path}: {name}", materials[number], *pictures)
         uv, colours = getattr(mesh.visual, "uv", None), getattr(mesh.visual, "vertex_attributes", {}).get("color")
         if colours is not None:  # linear, as glTF has them, whatever their type
             colours = np.asarray(colours, np.float32)[:, :3] / (np.iinfo(colours.dtype).max if colours.dtype.kind == "u" else 1)
@@ -154,12 +154,10 @@ def _repeats(header: Mapping[str, Any], number: int) -> bool:
     return all(sampler.get(key, REPEAT) == REPEAT for sampler in samplers for key in ("wrapS", "wrapT"))
 
 
-def _gltf_surface(path: Path, header: Mapping[str, Any], number: int, base: Any, packed: Any) -> Surface:  # noqa: ANN401
-    """One material, from its pictures as trimesh has them; raises InputError for what it asks for and is not done here."""
-    material = header["materials"][number]
+def _gltf_surface(path: Path, where: str, material: Mapping[str, Any], base: Any, packed: Any) -> Surface:  # noqa: ANN401
+    """One material, from its pictures as trimesh has them; raises InputError, which says ``where``, for what is not done here."""
     if not material["_name"]:  # colours of vertices alone
         return Surface(np.ones((1, 1, 3), np.float32))
-    where = f"{path}: material {shown(material['_name'])}"
     found = material.get("pbrMetallicRoughness", {})
     for key, picture in (("baseColorTexture", base), ("metallicRoughnessTexture", packed)):
         said = found.get(key)

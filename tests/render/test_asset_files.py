@@ -3,6 +3,7 @@
 Expected values are computed from the numbers that the files are written from, by the formats' own definitions.
 """
 
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -285,6 +286,8 @@ def test_a_picture_beside_a_binary_file_is_one_of_its_files(tmp_path: Path) -> N
     path = gltf(tmp_path / "a.glb", beside, baseColorTexture=Image.fromarray(picture(1)))
     np.testing.assert_allclose(read(path)[0].albedo, srgb_to_linear(picture(0) / 255), atol=1e-5)
     assert asset_files(path) == [path, tmp_path / "beside.png"]
+    os.mkfifo(tmp_path / "pipe.glb")  # which nobody writes to: whoever opens it waits for ever
+    assert asset_files(tmp_path / "pipe.glb") == [tmp_path / "pipe.glb"]
 
 
 def test_what_draws_an_asset_has_textures_of_its_own(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def without_triangles(header: dict[str, Any]) -> None:
 BASE = ("materials", 0, "pbrMetallicRoughness", "baseColorTexture")
 FACTOR_OF_2 = {"pbrMetallicRoughness": {"roughnessFactor": 2}}
 GLTF_MISTAKES = {
-    "second texture coordinates": (set_in(*BASE, "texCoord", value=1), "baseColorTexture: expected the first texture coordinates"),
+    "second texture coordinates": (set_in(*BASE, "texCoord", value=1), "a.glb: material 0: baseColorTexture: expected the first"),
     "moved texture": (set_in(*BASE, "extensions", value={"KHR_texture_transform": {}}), "or a transform of them"),
     "texture absent": (set_in("images", 0, value={"uri": "gone.png"}), "expected a picture"),
     "other model": (
