@@ -78,7 +78,7 @@ def at_least(least: int) -> Callable[[str], int]:
 
 
 def number_of(expected: str, holds: Callable[[float], bool]) -> Callable[[str], float]:
-    """An argparse ``type``: a number that ``holds``; what that is, ``expected`` says."""
+    """An argparse ``type``: a number of which ``holds`` is true; ``expected`` says in words what that asks."""
 
     def number(text: str) -> float:
         with suppress(ValueError):

@@ -122,8 +122,8 @@ def _fields_of(factory: Callable[..., Any], given: int) -> tuple[dict[str, Any],
                 hint = Any
             optional = hint | None if p.default is None and hint is not Any else hint  # which annotations often leave out
             fields[p.name] = (optional, ... if p.default is p.empty else p.default)
-    parts = [(name, kind, None) for name, (kind, _) in fields.items()]  # who lacks one is told before
-    made = dataclasses.make_dataclass("Options", parts, namespace={"__pydantic_config__": STRICT})  # whose fields have any names
+    parts = [(name, kind, None) for name, (kind, _) in fields.items()]  # check_arguments asks for what has to be given
+    made = dataclasses.make_dataclass("Options", parts, namespace={"__pydantic_config__": STRICT})  # models keep some names
     return fields, TypeAdapter(made)
 
 

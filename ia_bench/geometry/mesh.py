@@ -212,9 +212,9 @@ def _normals(vertices: np.ndarray, faces: np.ndarray, stored: np.ndarray | None,
 
 
 def smooth_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit normals (V, 3): means of the triangles' around a place, weighted by corner angle, for all vertices that lie there.
+    """Unit normals (V, 3): the mean of those of the triangles around a vertex, weighted by their angles there.
 
-    Where these cancel each other, as on both sides of a leaf, a vertex has that of a triangle of its own.
+    Vertices in one place, as on a seam, share it. Where it is 0, as on both sides of a leaf, each has that of one of its triangles.
     """
     import trimesh
 

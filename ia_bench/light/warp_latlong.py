@@ -73,8 +73,8 @@ DIRECTIONS = native(
     };
     // The direction at u, v in [0, 1) of a texel, uniform in solid angle; heights as Tables have them.
     const auto texel_to_direction = [turned, most](int texel, float u, float v, const float* heights, int width) {
-        const int about = (int)(((float)texel + 0.5f) / (float)width);  // vectors have no division of whole numbers, and floats
-        const int row = about + (texel >= (about + 1) * width) - (texel < about * width);  // have none for each of 2^24 texels
+        const int about = (int)(((float)texel + 0.5f) / (float)width);  // floats: vector units do not divide whole numbers
+        const int row = about + (texel >= (about + 1) * width) - (texel < about * width);  // of large maps rounding is one row off
         const float upper = heights[row], z = upper + (heights[row + 1] - upper) * u, radius = ::sqrtf(most(1.0f - z * z, 0.0f));
         const Vec around = turned(0.5f - ((float)(texel - row * width) + v) / (float)width);
         return Vec(radius * around.x, radius * around.y, z);

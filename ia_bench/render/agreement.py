@@ -18,7 +18,7 @@ from ia_bench.render.rays import RayCaster, make_rays
 from ia_bench.scenes.scene import CONVENTIONS, FROM_Y_UP, Scene, View
 
 VIEWS = 8
-SIDE = 64  # pixels of the larger side, at most where the smaller one has any left: larger images are looked at in blocks
+SIDE = 64  # pixels that the larger side is reduced to in square blocks, or to more where blocks would exceed the smaller side
 GOOD, LEAST = 0.9, 0.3
 MISTAKES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     **{f"transform_matrix taken as {what}": mended for what, mended in CONVENTIONS.items()},

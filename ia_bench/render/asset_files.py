@@ -116,10 +116,10 @@ def moved(asset: Assets, matrix: np.ndarray) -> Assets:
 
 
 def _with_uv(path: Path, part: Part, surfaces: Mapping[str, Surface]) -> Part:
-    """The part with texture coordinates in [0, 1]: its own, or new ones where these are none and its maps hold one value each."""
+    """The part with texture coordinates in [0, 1]: its own, or new ones where all its maps are one value and these are no use."""
     large = [name for name, image in surfaces[part.material].maps.items() if image.shape[:2] != (1, 1)]
     found = "none"
-    if part.uv is not None and (large or np.ptp(part.uv, axis=0).all()):  # or all on one line, as exporters fill them in
+    if part.uv is not None and (large or np.ptp(part.uv, axis=0).all()):  # some exporters write one place for all
         uv = np.asarray(part.uv, np.float64)
         uv = uv - np.floor(uv.min(0) + OUTSIDE)  # textures repeat: a whole texture further is the same place
         if np.isfinite(uv).all() and uv.max() <= 1 + OUTSIDE:

@@ -91,7 +91,7 @@ def draw_scene(runs: pd.DataFrame, scene: str, rows: Sequence[str]) -> Figure | 
     axes = figure.subplots(2, 3).ravel()
     for panel, metric in zip(axes, CURVE_METRICS, strict=False):
         _draw_metric(panel, metric, curves)
-    handles = {line.get_label(): line for panel in axes for line in panel.get_lines()}  # also of names that begin with _
+    handles = {line.get_label(): line for panel in axes for line in panel.get_lines()}  # legends leave out those that begin with _
     ordered = [plain(row) for row in rows if plain(row) in handles]
     axes[-1].axis("off")
     axes[-1].legend([handles[row] for row in ordered], ordered, loc="center left", frameon=False, fontsize=11)

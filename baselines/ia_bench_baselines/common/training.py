@@ -112,8 +112,8 @@ def descend(loss: Tensor, *optimisers: Optimizer) -> None:
 def run(trainee: Trainee, settings: RunSettings, about: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     """Train to ``settings.steps`` or until the minutes are over, from the checkpoint if there is one; returns the best figures.
 
-    ``about`` goes into the metadata of the weights. Raises InputError for a state that cannot be read, or belongs to other settings
-    or to something else that it is about, such as fewer data.
+    ``about`` goes into the metadata of the weights. Raises InputError for a state that cannot be read, or that was made with
+    other settings or of other data, as far as ``about`` tells them.
     """
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)

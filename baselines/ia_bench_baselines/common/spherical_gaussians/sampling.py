@@ -12,7 +12,8 @@ from ia_bench.material.brdf import dot, sample_visible_ggx, tangent_frame, visib
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
 
-DARK = 1e-20  # energy below which a light is drawn as if it had this much, and the least density of a direction
+DARK = 1e-20  # energy below which a light is drawn as if it had this much
+RAREST = 1e-20  # least density that is divided by
 
 
 class Directions(NamedTuple):
@@ -49,7 +50,7 @@ def draw_directions(
         by_gloss = visible_ggx_pdf(points.normal[point], points.view[point], above, roughness[point])
         by_cosine = dot(points.normal[point], above) / math.pi
         density = torch.cat([by_light, by_gloss, by_cosine], 1) @ direction.new_tensor(numbers)
-        weight = direction.new_zeros(direction.shape[:2]).index_put((point, which), 1 / density.clamp_min(DARK))
+        weight = direction.new_zeros(direction.shape[:2]).index_put((point, which), 1 / density.clamp_min(RAREST))
     return Directions(direction, weight, torch.zeros_like(direction).index_put((point, which), radiance))
 
 
