@@ -1,5 +1,6 @@
 """A scene is rendered in a folder beside its place and moved there when it is complete, so no folder is ever a mixture."""
 
+import fcntl
 import json
 import os
 import shutil
@@ -26,19 +27,20 @@ def begin(out: Path, recipe: Recipe) -> Path:
     """
     folder, job = staging_folder(out), json.loads(json.dumps(asdict(recipe)))
     folder.mkdir(parents=True, exist_ok=True)
-    written = folder / f".{JOB}.{os.getpid()}"
-    written.write_text(json.dumps(job))
+    place, written = os.open(folder, os.O_RDONLY), folder / f".{JOB}"
     try:
-        os.link(written, folder / JOB)  # whole, or not at all: another run may look at it meanwhile
-    except FileExistsError:
-        found: dict[str, Any] = json.loads((folder / JOB).read_text())
-        if found != job:
-            different = ", ".join(f"{key} {found.get(key)!r}" for key in job if found.get(key) != job[key])
-            raise ValueError(
-                f"{folder}: holds an unfinished render with {different}; finish it by its own command, or remove the folder"
-            ) from None
+        fcntl.flock(place, fcntl.LOCK_EX)  # another run may begin meanwhile
+        if not (folder / JOB).exists():
+            written.write_text(json.dumps(job))
+            written.replace(folder / JOB)  # whole, or not at all
     finally:
-        written.unlink()
+        os.close(place)
+    found: dict[str, Any] = json.loads((folder / JOB).read_text())
+    if found != job:
+        different = ", ".join(f"{key} {found.get(key)!r}" for key in job if found.get(key) != job[key])
+        raise ValueError(
+            f"{folder}: holds an unfinished render with {different}; finish it by its own command, or remove the folder"
+        )
     return folder
 
 
