@@ -13,7 +13,6 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.ranges import Number
-from ia_bench.material.textures import fetch
 from ia_bench.methods.contract import PixelSamples, Problem, StepRender
 from ia_bench.methods.couplings.base import WeightedCoupling, encode, per_view, shown
 
@@ -54,17 +53,14 @@ class Targets(WeightedCoupling):
         usable = covered if len(covered) else torch.nonzero(asked)[:, 0]
         chosen = self._chosen = usable[:: max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)]
         self._statistics = Statistics.of(samples.values["albedo"][chosen], gbuffer.view(chosen), gbuffer.shape[0])
-        face = gbuffer.face[chosen]
-        uv = problem.renderer.surface.uv(face.clamp_min(0).long(), gbuffer.barycentric[chosen])
-        self._aligning = (face >= 0)[..., None], uv
 
     @torch.no_grad()
     def update(self, texture: Tensor, step: int) -> None:
         """Estimate the alignment where it is due; a pure function of step and texture."""
         if "albedo" in self._uses and (self._alignment is None or step % ALIGNMENT_PERIOD == 0):
-            hit, uv = self._aligning
-            prediction, view = (fetch(texture, uv) * hit).sum(1) / hit.shape[1], self._problem.gbuffer.view(self._chosen)
-            found = Statistics.of(prediction, view, self._problem.gbuffer.shape[0])
+            gbuffer = self._problem.gbuffer
+            prediction, view = shown(texture, self._chosen, self._problem), gbuffer.view(self._chosen)
+            found = Statistics.of(prediction, view, gbuffer.shape[0])
             with torch.enable_grad():
                 mean, spread = found.mean.requires_grad_(), found.spread.requires_grad_()
                 alignment = align(found, self._statistics, self.ssi)
