@@ -35,8 +35,8 @@ PLACES = 2**18
 """At most, drawn among all: large photographs show each texel in many pixels."""
 BATCH = 256
 """Places whose partners are weighed together: their weights stay in a cache of the processor."""
-FAINT = -100.0
-"""Logarithm to base 2 of the least weight; that of a float that processors are slow at is below."""
+FAINT = -63.0
+"""Logarithm to base 2 of the least weight; that of a float that processors are slow at is below its square."""
 
 
 @dataclass(eq=False)
@@ -68,11 +68,12 @@ class Parsimony(Regulariser):
 
 
 def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Means of albedo and roughness over partners, each weighed by exp(-|f_i - f_j|^2 / 2).
+    """Means of albedo and roughness over partners, each weighed by w = exp(-|f_i - f_j|^2 / 2), and by w^2 for the roughness.
 
-    Features f are display values, roughness and place over their bandwidths. Albedos are averaged as log(albedo + OFFSET). Partners
-    are drawn among all places with the ``generator``; a place is its own one besides, with the share of places that are drawn as
-    its weight, so that what nothing resembles stays as it is.
+    Features f are display values, roughness and place over their bandwidths. Albedos are averaged as log(albedo + OFFSET). Gloss
+    varies within a colour, by wear and touch, so roughness is averaged over what is nearer in all features. Partners are drawn
+    among all places with the ``generator``; a place is its own one besides, with the share of places that are drawn as its
+    weight, so that what nothing resembles stays as it is.
 
     Albedo (P, 3) linear in [0, 1], roughness (P, 1) perceptual and ``position`` (P, 3) in scene units, of P > 0 places; the first
     two come back.
@@ -81,13 +82,15 @@ def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch
     grey, extent = shown.mean(1, keepdim=True), (place.amax(0) - place.amin(0)).norm().clamp_min(1e-12)
     parts = math.sqrt(3) * grey / GREY, (shown - grey) / CHROMA, roughness / ROUGHNESS, place / (REACH * extent)
     features = math.sqrt(math.log2(math.e)) * torch.cat(parts, 1)  # so that weights are powers of two
-    values = torch.cat([torch.log(albedo + OFFSET), roughness, one], 1)  # the last one sums the weights
+    colours, gloss = torch.cat([torch.log(albedo + OFFSET), one], 1), torch.cat([roughness, one], 1)  # the last sums the weights
     drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[:PARTNERS]
     half = -0.5 * features.square().sum(1, keepdim=True)
     # Of the product of the next two, each entry is -d^2 / 2.
     places, partners = torch.cat([features, half, one], 1), torch.cat([features, one, half], 1)[drawn].T
-    theirs, sums = values[drawn].T.contiguous(), len(drawn) / len(albedo) * values
+    their_colours, their_gloss = (values[drawn].T.contiguous() for values in (colours, gloss))
+    sums = len(drawn) / len(albedo) * torch.cat([colours, gloss], 1)
     for some, total in zip(places.split(BATCH), sums.split(BATCH), strict=True):
-        total += (theirs @ (some @ partners).clamp_(FAINT, 0).exp2_().T).T
-    mean = sums[:, :4] / sums[:, 4:]
-    return mean[:, :3].exp() - OFFSET, mean[:, 3:]
+        weights = (some @ partners).clamp_(FAINT, 0).exp2_().T
+        total[:, :4] += (their_colours @ weights).T
+        total[:, 4:] += (their_gloss @ weights.square_()).T
+    return (sums[:, :3] / sums[:, 3:4]).exp() - OFFSET, sums[:, 4:5] / sums[:, 5:]
