@@ -198,7 +198,7 @@ def _resumed(fit: Fit, scene: Scene, whole: Reconstruction, cameras: list[Camera
 
 def _same(what: str, first: Reconstruction, again: Reconstruction, cameras: list[Camera]) -> Finding:
     pairs = zip(_pictures(first, cameras), _pictures(again, cameras), strict=True)
-    largest = max((float(np.abs(one - other).max(initial=0)) for one, other in pairs), default=0.0)
+    largest = float(np.max([np.abs(one - other).max(initial=0) for one, other in pairs], initial=0))  # NaN if there is any
     said = f"pictures that differ by up to {largest:.3g}" if largest else ""
     return judge(largest == 0, what, "the same reconstruction to the bit", said)
 

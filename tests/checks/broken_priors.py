@@ -100,6 +100,15 @@ def unequal(samples: dict, shown: object, guidance: object, prior: Any) -> None:
 INSTANCES = itertools.count(1)
 
 
+def other_seed_nan(self: Sound, observations: Observations, *, seed: int, guidance: object = None) -> Samples:
+    values = Sound.sample(self, observations, seed=0).values
+    return Samples({**values, "specular": values["specular"] * (torch.nan if seed else 1)})
+
+
+def batch_of_one_nan(samples: dict, shown: Observations, *_: object) -> None:
+    samples["specular"] = samples["specular"] * (len(shown.images) - 1) / (len(shown.images) - 1)
+
+
 class Offering(Sound):
     """Everything that a prior may offer besides: distillation, geometry, ceilings, a fingerprint."""
 
@@ -149,6 +158,10 @@ def refine_as(change: Callable[[Tensor], Tensor]) -> Callable[..., Samples]:
     return lambda self, shown, renders: Samples({"albedo": change(Offering.refine(self, shown, renders).values["albedo"])})
 
 
+def by_brightest(albedo: Tensor) -> Tensor:
+    return albedo / albedo.amax((1, 2, 3), keepdim=True)
+
+
 def overwrite_renders(self: Offering, observations: Observations, renders: dict, *, seed: int) -> Samples:
     return Samples({name: render.mul_(0.5) for name, render in renders.items()})
 
@@ -168,10 +181,12 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     "NaN for an empty mask": (spoiled(lonely_nan), "a view with an empty mask"),
     "stochastic but is not": (edit(albedo=lambda s: 0 * s, specular=lambda s: 0 * s), "another seed"),
     "stochastic undeclared": (changed(info=replace(Sound.info, stochastic=False)), "another seed"),
+    "NaN for another seed": (changed(sample=other_seed_nan, info=replace(Sound.info, stochastic=False)), "another seed"),
     "torch's global generator": (spoiled(lambda s, *_: s["specular"].mul_(torch.rand(1))), "same seed again"),
     "counts its samples": (spoiled(counting, drawn=0), "same seed again"),
     "instances differ": (spoiled(unequal, factor=0.0), "same seed, new instance"),
     "normalised by the batch": (spoiled(lambda s, shown, *_: s["specular"].div_(0.1 + shown.images.mean())), "an image on its own"),
+    "NaN for one image": (spoiled(batch_of_one_nan), "an image on its own"),
     "away from the guidance": (when_guided(lambda s, out, g: s["specular"].mul_(2).add_(1 - out)), "guided specular"),
     "guided outside the mask": (when_guided(lambda s, out, g: s["albedo"].add_(0.1 * out)), "guided sample"),
     "remembers guidance": (spoiled(forgetting, guided=False), "guidance = None afterwards"),
@@ -185,6 +200,7 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     "writes to renders": (offering(distill=overwrite_renders), "inputs"),
     "refine takes no renders": (offering(refine=lambda self, observations: {}), "refinement"),
     "refines to NaN": (offering(refine=refine_as(lambda a: a / a)), "a corrected fit"),
+    "refines an empty view to NaN": (offering(refine=refine_as(by_brightest)), "a corrected fit"),
     "refines what is outside": (offering(refine=refine_as(lambda a: a + 0.1)), "a corrected fit"),
     "refines at random": (offering(refine=refine_as(lambda a: a * torch.rand(1))), "corrected again"),
     "refines by the batch": (offering(refine=refine_as(lambda a: a / (0.1 + a.mean()))), "one corrected on its own"),

@@ -121,6 +121,17 @@ def test_what_forgets_its_checkpoint_is_found(tiny: Scene) -> None:
     assert failed(findings(Forgetful, tiny)) == ["killed and resumed"]
 
 
+def test_what_draws_nan_when_it_is_resumed_is_found(tiny: Scene) -> None:
+    class Unsound(Walk):
+        def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
+            result = super().fit(problem, seed=seed, monitor=monitor)
+            if monitor.load() is not None:
+                result.reconstruction.render = Dark().render
+            return result
+
+    assert failed(findings(Unsound, tiny)) == ["killed and resumed"]
+
+
 @pytest.mark.parametrize("generator", [torch.Generator().manual_seed(7), torch.default_generator], ids=["own", "of the process"])
 def test_what_does_not_repeat_is_found(generator: torch.Generator, tiny: Scene) -> None:
     """It goes on where it ended; the numbers of the process's generator would be those of whatever ran before."""
