@@ -72,7 +72,7 @@ def main() -> int:
 
     def report(what: str, error: float, limit: float) -> None:
         nonlocal failures
-        failures += error > limit
+        failures += not error <= limit  # as NaN is, too
         print(f"{'ok  ' if error <= limit else 'FAIL'} {what}: {error:.4f} (limit {limit})", flush=True)
 
     directions = texel_directions(HEIGHT)

@@ -52,16 +52,17 @@ def round_mantissa(values: NDArray[np.floating], bits: int) -> NDArray[np.float1
     Zero stays zero; rounding twice changes nothing.
 
     Raises:
-        ValueError: if a value is not finite or does not fit a half float.
+        ValueError: if a value is not finite, or once it is rounded does not fit a half float.
     """
     single = np.ascontiguousarray(values, dtype=np.float32)
-    if not np.isfinite(single).all() or np.abs(single).max(initial=0.0) >= HALF_MAX:
-        raise ValueError(f"values must be finite and below {HALF_MAX}, got up to {np.abs(single).max(initial=0.0)}")
     drop = 23 - bits  # rounded in float32, so that the value is rounded once, not twice
     word = single.view(np.uint32)
     even = (word >> np.uint32(drop)) & np.uint32(1)
     word = (word + np.uint32((1 << (drop - 1)) - 1) + even) & ~np.uint32((1 << drop) - 1)
-    return word.view(np.float32).astype(np.float16)
+    rounded = word.view(np.float32)
+    if not np.isfinite(single).all() or np.abs(rounded).max(initial=0.0) > HALF_MAX:
+        raise ValueError(f"values must be finite and at most {HALF_MAX} when rounded, got up to {np.abs(single).max(initial=0.0)}")
+    return rounded.astype(np.float16)
 
 
 def quantise(values: NDArray[np.floating], storage: Storage) -> NDArray[np.float16]:

@@ -26,6 +26,10 @@ def test_rounding_error_is_bounded_and_nearest(bits: int) -> None:
     np.testing.assert_array_equal(
         rounded.astype(np.float64), np.ldexp(np.rint(significand * 2 ** (bits + 1)) / 2 ** (bits + 1), exponent)
     )
+    half = 2.0 ** (14 - bits)  # of the last step below 2^16, from which on a value is rounded to what no half float can be
+    assert exr.round_mantissa(np.array([2**16 - 1.01 * half]), bits) == 2**16 - 2 * half
+    with pytest.raises(ValueError, match="at most 65504"):
+        exr.round_mantissa(np.array([1.0, half - 2**16]), bits)
 
 
 def test_normals_are_stored_in_absolute_steps() -> None:
