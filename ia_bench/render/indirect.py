@@ -228,7 +228,7 @@ class _Product(torch.autograd.Function):
 def _cells(radiance: Tensor) -> Tensor:
     """Mean radiance of each of the sky's cells, weighted by solid angle: (H, W, 3) -> (cells, 3)."""
     height, width, _ = radiance.shape
-    if height % SKY_ROWS and SKY_ROWS % height:  # windows of the pooling below would overlap
+    if any(max(sides) % min(sides) for sides in ((height, SKY_ROWS), (width, 2 * SKY_ROWS))):  # windows of pooling would overlap
         return LatLongEnvironment(radiance).latlong(SKY_ROWS).reshape(-1, 3)
     weight = row_solid_angles(height, width).to(radiance)[:, None].expand(height, width)
     grid = (SKY_ROWS, 2 * SKY_ROWS)

@@ -16,7 +16,7 @@ from shapes import bowl, camera_at, mesh_of, plate, sphere, together
 from stage import Stage
 
 from benchmarks import reference
-from ia_bench.light.latlong import SampledLight
+from ia_bench.light.latlong import SampledLight, row_solid_angles
 from ia_bench.material.brdf import normalize
 from ia_bench.material.textures import Material, fetch
 from ia_bench.render import indirect
@@ -129,6 +129,13 @@ def test_gradients_of_the_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     radiance = torch.rand(2, 4, 3, generator=generator, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda a, r: bounced.solve(a, r).leaving, (albedo, radiance))
     assert torch.autograd.gradgradcheck(lambda a, r: bounced.solve(a, r).leaving, (albedo, radiance))  # for Gauss-Newton
+
+
+@pytest.mark.parametrize("shape", [(32, 64), (24, 48), (32, 48), (16, 5)])
+def test_the_cells_of_the_sky_have_the_power_of_a_map_of_any_shape(shape: tuple[int, int]) -> None:
+    radiance = torch.rand(*shape, 3, generator=torch.Generator().manual_seed(0))
+    cells = row_solid_angles(16, 32).repeat_interleave(32) @ indirect._cells(radiance).double()
+    assert cells.tolist() == pytest.approx((row_solid_angles(*shape) @ radiance.double().sum(1)).tolist(), rel=1e-6)
 
 
 def test_texels_inside_the_object_do_not_darken_their_neighbours() -> None:
