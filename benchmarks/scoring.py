@@ -18,7 +18,6 @@ from pathlib import Path
 import torch
 
 from benchmarks.stage import run_as_a_run
-from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.renderer import Renderer, texture_images
 from ia_bench.render.stage import Stage
 from ia_bench.runs.recovered import Recovered
@@ -27,7 +26,7 @@ from ia_bench.scores.protocol import Protocol, shipped
 from ia_bench.scores.scorer import Scorer
 
 PARTS: dict[str, Callable[..., object]] = {
-    "G-buffers": trace_gbuffer,
+    "G-buffers": Stage.gbuffer,  # that of the split is traced for its surface
     "maps": texture_images,
     "renders": Renderer.render_images,
     "pairs": comparison.pairs,
