@@ -38,8 +38,9 @@ def estimate(renderer: Renderer, stage: TrueScene, pixels: Tensor, views: int, g
     """Render and differentiate once."""
     gbuffer = stage.gbuffer([view.camera for view in stage.scene.train[:views]])
     leaves = [values.clone().requires_grad_() for values in (stage.material.albedo, stage.material.roughness, stage.light)]
+    material = Material(*leaves[:2], stage.material.metallic)
     started = time.process_time()
-    rendered = renderer.render_pixels(gbuffer, pixels, Material(*leaves[:2]), SampledLight.of(leaves[2]), SAMPLES, generator)
+    rendered = renderer.render_pixels(gbuffer, pixels, material, SampledLight.of(leaves[2]), SAMPLES, generator)
     gradients = torch.autograd.grad(rendered.radiance.mean(), leaves)
     spent = 1e3 * (time.process_time() - started)
     return Estimate(rendered.radiance.detach(), dict(zip(GRADIENTS, gradients, strict=True)), spent)

@@ -19,13 +19,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from benchmarks.stage import true_material
 from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, complain
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
-from ia_bench.material.brdf import MIN_ROUGHNESS
-from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.stage import Stage
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
@@ -88,13 +87,11 @@ class _Truth:
 
     def __init__(self, scene: Scene, samples: int) -> None:
         assert scene.truth is not None
-        albedo, roughness = scene.truth.albedo, scene.truth.roughness
-        if albedo is None or roughness is None:
+        if scene.truth.albedo is None or scene.truth.roughness is None:
             raise InputError(f"{scene.source}: the forward check needs the true textures")
         self._stage = Stage(scene.expect_mesh(), torch.device("cpu"))
         self._light = torch.from_numpy(scene.truth.lights["train"])
-        rough = torch.from_numpy(roughness)[..., None].clamp(MIN_ROUGHNESS, 1)
-        self._material = Material(torch.from_numpy(albedo).float(), rough)
+        self._material = true_material(scene.truth)
         self._samples = samples
 
     def render(

@@ -16,7 +16,7 @@ from ia_bench.readers.native import NativeReader
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.stage import Stage
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
-from ia_bench.scenes.scene import Camera, Scene
+from ia_bench.scenes.scene import Camera, Scene, Truth
 
 if TYPE_CHECKING:
     from benchmarks.mitsuba_scene import TrackedScene
@@ -39,10 +39,8 @@ class TrueScene:
         """The shipped scene ``name`` under its training light averaged to ``light_rows``."""
         run_as_a_run(threads)
         scene = NativeReader(resolve_scene_folder(SceneConfig(name))).read(truth=True)
-        roughness = torch.from_numpy(scene.truth.roughness)[..., None].float().clamp_min(MIN_ROUGHNESS)
         light = LatLongEnvironment(torch.from_numpy(scene.truth.lights["train"])).latlong(light_rows)
-        material = Material(torch.from_numpy(scene.truth.albedo).float(), roughness)
-        return cls(scene, material, light, Stage(scene.expect_mesh(), CPU))
+        return cls(scene, true_material(scene.truth), light, Stage(scene.expect_mesh(), CPU))
 
     def cameras(self, views: int, size: int) -> list[Camera]:
         """``views`` training cameras, evenly strided, with images of ``size`` x ``size`` pixels."""
@@ -58,6 +56,13 @@ class TrueScene:
         from benchmarks.mitsuba_scene import SCENES
 
         return SCENES[integrator](self.scene.expect_mesh(), cameras, self.material, self.light, threads=threads)
+
+
+def true_material(truth: Truth) -> Material:
+    """The true albedo and roughness, and metallic where there is one; what is smoother than MIN_ROUGHNESS is that."""
+    grey = truth.roughness, truth.metallic
+    roughness, metallic = (None if part is None else torch.from_numpy(part)[..., None].float() for part in grey)
+    return Material(torch.from_numpy(truth.albedo).float(), roughness.clamp_min(MIN_ROUGHNESS), metallic)
 
 
 def resized(camera: Camera, size: int) -> Camera:

@@ -12,11 +12,11 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from benchmarks.reference import TorchRenderer
+from benchmarks.stage import true_material
 from benchmarks.stiffness.gauss_newton import Jacobian
 from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
-from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.methods.plan import make_plan
 from ia_bench.methods.two_stage.settings import FitSettings
@@ -61,13 +61,12 @@ class TruthOfAFit:
         plan = make_plan(scene.blind(), stage, settings)
         renderer = TorchRenderer(stage.renderer(shadows=plan.shadows, bounces=plan.bounces, coat=settings.coat))
         gbuffer = stage.gbuffer([view.camera for view in scene.train], plan.subsamples)
-        albedo = _resized(torch.from_numpy(truth.albedo).float(), plan.texture)
-        roughness = _resized(torch.from_numpy(truth.roughness).float()[..., None], plan.texture).clamp(MIN_ROUGHNESS, 1)
+        textures = (None if part is None else _resized(part, plan.texture) for part in vars(true_material(truth)).values())
         radiance = LatLongEnvironment(torch.from_numpy(truth.lights["train"])).latlong(plan.light_height)
         floor = FLOOR * float(radiance.mean())
         floored = int((radiance < floor).any(-1).sum())
         log_light = torch.log(radiance.clamp_min(floor))
-        return cls(scene, renderer, gbuffer, Material(albedo, roughness), log_light, samples or plan.samples, floored)
+        return cls(scene, renderer, gbuffer, Material(*textures), log_light, samples or plan.samples, floored)
 
     def pixels(self, count: int) -> Tensor:
         """A fixed random choice of G-buffer entries, (min(count, P),)."""
@@ -100,7 +99,7 @@ class TruthOfAFit:
         rendered = self.renderer.render_pixels(
             self.gbuffer,
             pixels,
-            Material(albedo, roughness),
+            Material(albedo, roughness, self.material.metallic),
             SampledLight(radiance, true.sampler),
             self.samples,
             torch.Generator().manual_seed(seed),
