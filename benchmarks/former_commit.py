@@ -19,7 +19,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from statistics import median
+from statistics import median, median_low
 
 from benchmarks.work_precision.precision import first_time
 from ia_bench.report.curves import save
@@ -56,11 +56,11 @@ def times_to(curves: Sequence[Curve], metric: str, level: float) -> list[float]:
 
 
 def table(curves: dict[str, list[Curve]], metric: str) -> list[str]:
-    """Lines of Markdown: a row for each whole decibel that this code reaches from its second measured point on."""
+    """Lines of Markdown: a row for each whole decibel that this code reaches in most rounds, without the first above its least."""
     lines = [f"| {METRICS[metric]} | " + " | ".join(f"{side}, s" for side in curves) + " | times sooner |"]
     lines.append("| ---: |" + " ---: |" * (len(curves) + 1))
     values = [[float(row[metric]) for row in rows] for rows in curves[NOW]]
-    for level in range(math.ceil(min(min(v) for v in values)) + 1, math.floor(median(max(v) for v in values)) + 1):
+    for level in range(math.ceil(min(min(v) for v in values)) + 1, math.floor(median_low(max(v) for v in values)) + 1):
         times = {side: times_to(rounds, metric, level) for side, rounds in curves.items()}
         ours = median(times[NOW])
         ratios = [f"{median(t) / ours:.1f}" if median(t) < math.inf else "never" for side, t in times.items() if side != NOW]
