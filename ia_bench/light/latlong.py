@@ -156,8 +156,7 @@ class LatLongSampler(NamedTuple):
         mean = radiance.detach().mean(-1).reshape(-1)
         brightness = mean.clamp_min(0)
         total = brightness.double() @ grid.solid_angle
-        if not bool(torch.isfinite(mean).all()):
-            bad = int((~torch.isfinite(radiance)).any(-1).sum())
+        if bad := int((~torch.isfinite(mean)).sum()):
             raise FloatingPointError(f"light: expected finite radiance, found NaN or Inf in {bad} of {height * width} texels")
         brightness = (brightness / torch.where(total > 0, total, 1.0)).float()
         texels = torch.cat([(brightness * grid.solid_angle)[grid.order], grid.solid_angle[grid.order]]).cumsum(0)
