@@ -56,7 +56,7 @@ class Phase:
         name: The name under which its seconds are booked.
         steps: How many it takes.
         loss: Gives the loss of a step, from the step's number in the phase and the generator that draws everything random in it.
-        optimizer: Makes the optimiser, at the phase's first step.
+        optimizer: Makes the optimiser, after ``begin``.
         step: Takes a step and gives its loss, from the same arguments.
         rate: Gives the factor of all learning rates, from the part of the phase that is done, 0 to 1.
         begin: Is called before the phase's first step with 0, and with the number of steps done where a fit goes on in the phase.
@@ -158,8 +158,9 @@ class Descent:
             self._monitor.note(f"resumed at step {self.done} of {self.steps} ({self._phases[self._place].name})")
         self._saved = time.monotonic()
         for place in range(self._place, len(self._phases)):
-            if place > self._place:
-                self._place, self._step, self._optimizer = place, 0, None
+            if state is None or place > self._place:
+                self._place, self._step = place, 0
+                self._enter(self._phases[place])
             self._run_phase(self._phases[place], recovered)
         self.check_progress()
         if self.counters["skipped_steps"]:
@@ -184,13 +185,14 @@ class Descent:
 
     # ---- steps -------------------------------------------------------------------------------------------------
 
+    def _enter(self, phase: Phase) -> None:
+        with self.book(phase.name):
+            phase.begin(self._step)
+            self._optimizer = None if phase.optimizer is None else phase.optimizer()
+
     def _run_phase(self, phase: Phase, recovered: Callable[[], Reconstruction] | None) -> None:
         if self._step == phase.steps:
             return
-        with self.book(phase.name):
-            phase.begin(self._step)
-            if self._optimizer is None and phase.optimizer is not None:
-                self._optimizer = phase.optimizer()
         bar = self._monitor.task(phase.name, phase.steps, self._step)
         while self._step < phase.steps:
             with self.book(phase.name):
@@ -285,8 +287,8 @@ class Descent:
         self.generator.set_state(state["generator"])
         for name, part in self._parts.items():
             part.load_state_dict(state["parts"][name])
-        if phase.optimizer is not None:
-            self._optimizer = phase.optimizer()
+        self._enter(phase)  # also where all its steps are done: what begin() makes is in no checkpoint
+        if self._optimizer is not None:
             self._optimizer.load_state_dict(state["optimizer"])
 
 

@@ -22,6 +22,7 @@ class Line(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.slope, self.offset = nn.Parameter(torch.zeros(1)), nn.Parameter(torch.zeros(2, 2))
+        self.rate = math.nan  # until the second phase begins; no checkpoint has it
 
     def loss(self, generator: torch.Generator) -> Tensor:
         x = torch.rand(8, 1, generator=generator)
@@ -38,13 +39,14 @@ def fitted(record: Record, spoil: Spoil = lambda step, line: None, steps: tuple[
         return usual if changed is None else changed
 
     def begin(done: int) -> None:
+        line.rate = 0.05
         if done == 0:  # of which nothing but the parameters outlives the process
             with torch.no_grad():
                 line.offset += torch.randn(2, 2, generator=descent.generator)
 
     phases = [
         Phase("slope", steps[0], loss, lambda: torch.optim.Adam([line.slope], 0.1), rate=lambda share: 0.1**share),
-        Phase("all", steps[1], loss, lambda: torch.optim.Adam(line.parameters(), 0.05), begin=begin),
+        Phase("all", steps[1], loss, lambda: torch.optim.Adam(line.parameters(), line.rate), begin=begin),
     ]
     resume = next(reversed(record.states.values()), None)
     descent = Descent(line, phases, seed=7, monitor=record.monitor(resume))
@@ -53,7 +55,7 @@ def fitted(record: Record, spoil: Spoil = lambda step, line: None, steps: tuple[
 
 
 def same(first: Line, second: Line) -> bool:
-    return torch.equal(first.slope, second.slope) and torch.equal(first.offset, second.offset)
+    return first.rate == second.rate and torch.equal(first.slope, second.slope) and torch.equal(first.offset, second.offset)
 
 
 @pytest.mark.parametrize("stop", [1, 29, 30, 31, 49, 50])
