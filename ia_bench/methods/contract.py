@@ -194,14 +194,14 @@ class Coupling:
         raise NotImplementedError
 
     def update(self, texture: Tensor, step: int) -> None:
-        """Called before each step with the albedo texture (T, T, 3), detached: time to estimate anew what depends on it."""
+        """Called before each :meth:`loss` with the albedo texture (T, T, 3), which is not to be changed."""
 
     def state(self) -> dict[str, Tensor]:
         """What a checkpoint must keep beside the samples."""
         return {}
 
     def restore(self, state: dict[str, Tensor]) -> None:
-        """Take over a :meth:`state`, after :meth:`prepare`."""
+        """Take over a :meth:`state`, after :meth:`prepare`. Its tensors are on the CPU, wherever they were."""
 
 
 class NoCoupling(Coupling):
@@ -252,7 +252,10 @@ class Regulariser:
         """Called before a fit begins; raises InputError where it cannot be applied."""
 
     def due(self, step: int, steps: int) -> bool:
-        """Whether it is applied after ``step`` of ``steps``; ``step == steps`` is the end of the fit."""
+        """Whether it is applied after ``step`` of ``steps``, once the albedo is optimised; ``step == steps`` is the end of the fit.
+
+        One that completes is not asked.
+        """
         return step == steps
 
     def apply(self, material: Material, state: FitState) -> Material:

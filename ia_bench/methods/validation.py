@@ -83,7 +83,13 @@ def checked_part(kind: Kind, name: str, found: Any) -> Any:  # noqa: ANN401 (wha
     """A coupling or a regulariser as it is if it is built in, else one whose every answer is checked; PluginError for none."""
     expected, answers = ANSWERS[kind]
     _expect(isinstance(found, expected), f"{kind} {name}", f"a {expected.__module__}.{expected.__name__}", found)
-    return found if _built_in(found) else Checked(kind, name, found, answers)
+    if _built_in(found):
+        return found
+    checked = Checked(kind, name, found, answers)
+    for attribute in answers:
+        if not callable(getattr(expected, attribute)):  # a value, which is checked at once; an answer is as it is given
+            getattr(checked, attribute)
+    return checked
 
 
 class Checked:
@@ -181,6 +187,24 @@ def _losses(who: str, losses: Any, *_: object) -> dict[str, Tensor]:  # noqa: AN
     return dict(losses)
 
 
+def _state(who: str, state: Any) -> dict[str, Tensor]:  # noqa: ANN401
+    if not isinstance(state, Mapping) or any(not isinstance(kept, Tensor) for kept in state.values()):
+        raise PluginError(f"{who}: expected a mapping of names to tensors, found {state!r:.100}")
+    return dict(state)
+
+
+def _flag(who: str, value: Any, *_: object) -> bool:  # noqa: ANN401
+    if not isinstance(value, bool | np.bool_):
+        raise PluginError(f"{who}: expected True or False, found {value!r:.100}")
+    return bool(value)
+
+
+def _count(who: str, value: Any) -> int:  # noqa: ANN401
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 0:
+        raise PluginError(f"{who}: expected a whole number >= 0, found {value!r:.100}")
+    return int(value)
+
+
 def _moved(who: str, moved: Any, material: Material, *_: object) -> Material:  # noqa: ANN401
     _expect(isinstance(moved, Material), who, f"a {Material.__module__}.Material", moved)
     for part, channels in (("albedo", 3), ("roughness", 1)):
@@ -192,8 +216,19 @@ def _moved(who: str, moved: Any, material: Material, *_: object) -> Material:  #
 
 
 ANSWERS: dict[Kind, tuple[type, dict[str, Callable[..., Any]]]] = {
-    "coupling": (Coupling, {"uses": _used, "loss": _losses}),
-    "regulariser": (Regulariser, {"apply": _moved}),
+    "coupling": (
+        Coupling,
+        {
+            "says_albedo": _flag,
+            "sets_albedo": _flag,
+            "period": _count,
+            "views": _count,
+            "uses": _used,
+            "loss": _losses,
+            "state": _state,
+        },
+    ),
+    "regulariser": (Regulariser, {"completes": _flag, "due": _flag, "apply": _moved}),
 }
 """What a plug-in of each kind must be, and what checks its answers."""
 
