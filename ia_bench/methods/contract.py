@@ -225,7 +225,8 @@ class FitState:
         exposures: The factors (V, 1), or (V, 3) by channel, by which photographs were exposed; None where they are the same.
         observed: (T, T) bool, texels that some photograph shows.
         generator: Draws whatever is random.
-        refine: Asks the prior to correct a fit's renders (:meth:`ia_bench.priors.contract.Refiner.refine`).
+        refine: Asks the prior to correct a fit's renders (:meth:`ia_bench.priors.contract.Refiner.refine`); raises InputError for
+            one that cannot.
     """
 
     problem: Problem

@@ -33,6 +33,15 @@ def check_prior_info(prior: Any) -> None:  # noqa: ANN401 (anything may claim to
         raise PluginError(f"prior {name_of(prior)}: expected a method sample(observations, *, seed, guidance=None), found none")
 
 
+def fingerprint_of(prior: Any) -> str | None:  # noqa: ANN401 (anything may claim to be a prior)
+    """The ``fingerprint`` of a prior, None of one that has none. Raises PluginError for one that cannot be asked or is no text."""
+    with at_work("prior", name_of(prior)):
+        found = prior.fingerprint if "fingerprint" in dir(prior) else None  # hasattr() hides what an AttributeError says
+    if not isinstance(found, str | None):
+        raise PluginError(f"prior {name_of(prior)}: fingerprint: expected a text, found {found!r:.100}")
+    return found
+
+
 def ask(prior: Prior, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
     """The prior's samples, checked and in memory of their own. Raises PluginError, naming the prior, for anything else.
 

@@ -16,7 +16,7 @@ from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError, PluginError
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.oracle import OraclePrior
-from ia_bench.priors.validation import ask, ask_to_distill, check_prior_info
+from ia_bench.priors.validation import ask, ask_to_distill, check_prior_info, fingerprint_of
 from ia_bench.scenes.scene import View
 
 DIALS = {"scale": 0.02, "noise": 0.02, "baked": 0.2, "inconsistency": 0.05}
@@ -233,3 +233,24 @@ class Informed(Answering):
 def test_what_is_no_prior_is_told_before_it_is_asked(prior: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         check_prior_info(prior)
+
+
+class Printed(Answering):
+    """One whose fingerprint is a property that can fail."""
+
+    @property
+    def fingerprint(self) -> Any:
+        return self.answer(BALL)
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (failing(AttributeError("weights")), "prior Printed raised AttributeError: weights"),
+        (lambda shown: 3, "prior Printed: fingerprint: expected a text, found 3"),
+    ],
+)
+def test_a_fingerprint_that_fails_or_is_no_text_is_not_taken_for_none(answer: Callable[[Observations], Any], message: str) -> None:
+    assert fingerprint_of(Answering(answer)) is None
+    with pytest.raises(PluginError, match=message):
+        fingerprint_of(Printed(answer))

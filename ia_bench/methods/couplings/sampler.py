@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.cache import Cache, content_key
+from ia_bench.common.errors import InputError
 from ia_bench.common.machine import instructions
 from ia_bench.methods.contract import PixelSamples, Problem
 from ia_bench.methods.photographs import count_views, restrict, stacked, view_geometry
@@ -21,6 +22,7 @@ from ia_bench.priors.validation import (
     ask_to_refine,
     beyond_a_material,
     check_prior_info,
+    fingerprint_of,
     name_of,
 )
 
@@ -51,7 +53,7 @@ class PriorSampler:
         self.last_views: tuple[int, ...] = ()
         self._shown: Observations | None = None
         self._told = False
-        self._fingerprint: str | None = getattr(prior, "fingerprint", None)
+        self._fingerprint = fingerprint_of(prior)
         self._keeps = problem.keep_samples and self._fingerprint is not None and not prior.info.sees_truth  # truth is in no key
 
     def draw(self, guidance: Images | None) -> Samples:
@@ -89,7 +91,9 @@ class PriorSampler:
 
     def refine(self, renders: Images) -> Samples:
         """What the prior makes of the fit's ``renders`` of the views asked. Raises InputError like :meth:`draw`."""
-        assert isinstance(self._prior, Refiner)
+        if not isinstance(self._prior, Refiner):
+            found = f"found {name_of(self._prior)}, which has none"
+            raise InputError(f"fit.regularise: expected a prior with a method refine(observations, renders), {found}")
         return self._accounted(ask_to_refine(self._prior, self._observations(self._problem.asked_views), renders))
 
     def _accounted(self, samples: Samples) -> Samples:
