@@ -19,7 +19,7 @@ from ia_bench.common.progress import Progress, ProgressBar
 from ia_bench.common.registry import create
 from ia_bench.methods.contract import Method, Monitor, Problem
 from ia_bench.methods.couplings.base import coupling_of
-from ia_bench.methods.info import MethodInfo, held_out
+from ia_bench.methods.info import AUTO, MethodInfo, held_out
 from ia_bench.methods.monitor import CostTracker
 from ia_bench.methods.validation import reconstruct
 from ia_bench.priors.contract import NoPrior, Prior, PriorInfo
@@ -60,6 +60,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
     scorer = Scorer(scene, config.protocol, problem.device)
     record = RunMonitor(folder, scorer, costs)
     result = reconstruct(config.method.name, method, problem, seed=config.seed, monitor=record.monitor(progress))
+    if config.coupling.name not in (AUTO, "none") and "coupling" not in vars(problem):
+        progress.note(f"coupling={config.coupling.name}: method={config.method.name} has no use for any; it changed nothing")
 
     # ---- score and save --------------------------------------------------------------------------------------
     counts, cpu_seconds, busy = costs.counts(), costs.cpu_seconds(), load()
