@@ -104,7 +104,7 @@ class Descent:
 
         Args:
             parameters: What the phases change: a module with its buffers, or tensors by name.
-            phases: At least one of them takes steps.
+            phases: At least one of them takes steps; ValueError where none does.
             seed: Seed of the generator that steps draw from.
             monitor: Where progress, scores and checkpoints go.
             start: Gives the parameters the values that a fit starts from, booked with the first phase. A fit that goes on from a
@@ -112,6 +112,8 @@ class Descent:
             beside: What else a checkpoint must hold, by name.
         """
         self._phases, self._monitor, self._start = [phase for phase in phases if phase.steps], monitor, start
+        if not self._phases:
+            raise ValueError(f"phases: expected at least one that takes steps, found none of {len(phases)}")
         self._parts: dict[str, Stateful] = dict(beside or {})
         if isinstance(parameters, nn.Module):
             self._parameters: dict[str, Tensor] = dict(parameters.named_parameters())

@@ -138,6 +138,12 @@ def test_a_short_fit_of_bad_steps_alone_has_no_result():
         Descent({"albedo": torch.ones(2)}, [phase], seed=0, monitor=Record().monitor()).descend()
 
 
+@pytest.mark.parametrize("phases", [[], [Phase("fit", 0, step=lambda number, generator: 0.0)]])
+def test_a_fit_without_steps_is_refused(phases: list[Phase]):
+    with pytest.raises(ValueError, match=f"^phases: expected at least one that takes steps, found none of {len(phases)}"):
+        Descent({"albedo": torch.ones(2)}, phases, seed=0, monitor=Record().monitor())
+
+
 def test_scores_come_at_doubling_steps_off_the_clock():
     scores = []
 
