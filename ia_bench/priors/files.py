@@ -12,6 +12,7 @@ which may reach beyond its edges, and ``exposure`` what its radiance was multipl
 
 from __future__ import annotations
 
+import glob
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -189,7 +190,8 @@ class FilesPrior:
     def _all(self, stored: Stored) -> list[Path]:
         """All pictures of a component, by name."""
         self._path(stored, "")
-        ends = (f"{stored.files}{end}" for end in ("", ".*", "/*"))
+        pattern = glob.escape(str(stored.files)).replace("[*]", "*")  # the star alone means another thing than itself
+        ends = (f"{pattern}{end}" for end in ("", ".*", "/*"))
         return sorted({path for end in ends for path in self._folder.glob(end.replace("*", "**/*", 1)) if _is_picture(path)})
 
     def _of_view(self, stored: Stored, name: str) -> list[Path]:

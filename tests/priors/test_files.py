@@ -133,6 +133,12 @@ def test_what_is_predicted_for_photographs_comes_to_its_place(tmp_path: Path, ti
 
 
 # ---------------------------------------------------------------- what it sees
+def test_of_a_pattern_the_star_alone_has_a_meaning(tmp_path: Path) -> None:
+    save(tmp_path / "net[2]?" / "a_albedo.png", colours())
+    found = albedo(tmp_path, albedo="net[2]?/*_albedo.png")[0]
+    assert np.abs(found - srgb_to_linear(colours()) * MASK[..., None]).max() <= 0.01
+
+
 def test_it_sees_files_and_nothing_else(tmp_path: Path) -> None:
     save(tmp_path / "albedo" / "a.png", colours())
     prior, one = FilesPrior(path=str(tmp_path), **TOLD), shown("a")
