@@ -36,6 +36,8 @@ from ia_bench.scenes.photograph import expect_size
 from ia_bench.scenes.scene import Scene, View
 
 WHOLE, SPLIT = "transforms.json", ("transforms_train.json", "transforms_test.json")
+Sizes = dict[str, tuple[str, tuple[int, ...]]]
+"""By intrinsics, the name of the first photograph that has them, and its height and width."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +53,7 @@ class NerfstudioReader(UnsplitReader):
 
     def read(self, truth: bool) -> Scene:
         """The scene; such folders hold no truth, so held-out photographs are all that is scored. Raises InputError."""
-        notes, sizes = list[str](), dict[str, View]()
+        notes, sizes = list[str](), Sizes()
         training, held_out = self._splits(notes)
         told = any("exposure" in frame for _, frame in (*training, *held_out))
         train = [self._view(*frame, notes, sizes, told) for frame in training]
@@ -102,7 +104,7 @@ class NerfstudioReader(UnsplitReader):
         except InputError:
             return False
 
-    def _view(self, where: str, frame: Mapping[str, Any], notes: list[str], sizes: dict[str, View], told: bool) -> View:
+    def _view(self, where: str, frame: Mapping[str, Any], notes: list[str], sizes: Sizes, told: bool) -> View:
         """The view of a frame; ``told``: exposures are those of frames, and not of EXIF."""
         path = picture_below(self.folder, frame.get("file_path"), f"{where}: file_path")
         if not path.is_relative_to(self.folder):  # an absolute path may lead into the folder through a link
@@ -113,8 +115,9 @@ class NerfstudioReader(UnsplitReader):
         if told:
             photo = replace(photo, exposure=positive(where, frame, "exposure") if "exposure" in frame else None)
         view = photo.view(name.with_suffix("").as_posix(), camera(where, frame, photo.mask.shape))
-        like = sizes.setdefault(str([frame.get(key) for key in ("camera_angle_x", "fl_x", "fl_y", "cx", "cy", "w", "h")]), view)
-        expect_size(path, view.mask.shape, like.mask.shape, f"{like.name} with the same intrinsics")  # one was cut or scaled
+        intrinsics = str([frame.get(key) for key in ("camera_angle_x", "fl_x", "fl_y", "cx", "cy", "w", "h")])
+        first, size = sizes.setdefault(intrinsics, (view.name, view.mask.shape))
+        expect_size(path, view.mask.shape, size, f"{first} with the same intrinsics")  # one was cut or scaled
         return self.view(undistorted(where, view, lens(where, frame)))
 
     def _mask(self, where: str, photo: Path, frame: Mapping[str, Any]) -> Path | None:

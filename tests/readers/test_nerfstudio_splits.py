@@ -1,9 +1,11 @@
 """Which frames of transforms.json are for training and which are held out, and paths that lead to the folder by another way."""
 
 import json
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from layouts import scene_to_write
 from PIL import Image
@@ -117,3 +119,18 @@ def test_frames_that_say_their_sizes_may_differ_in_them(folder: Path) -> None:
     assert [view.camera.centre for view in views[:2]] == [(width / 2 - 2, height / 2), (width / 2, height / 2)]
     edited(WHOLE, lambda c: [frame.pop("w") for frame in c["frames"]])(folder)
     assert "with the same intrinsics" in refused(folder)
+
+
+def test_photographs_do_not_pile_up_at_their_full_size(tmp_path: Path) -> None:
+    """Each with a focal length of its own, as apps of phones write it, and made smaller one by one."""
+    photo, frames, count = np.full((256, 256, 4), 255, np.uint8), [], 16
+    photo[:9, :, 3] = 0
+    for number in range(count):
+        Image.fromarray(photo).save(tmp_path / f"{number}.png")
+        frames.append({"file_path": f"{number}.png", "fl_x": 300.0 + number, "transform_matrix": np.eye(4).tolist()})
+    (tmp_path / WHOLE).write_text(json.dumps({"frames": frames}))
+    tracemalloc.start()
+    NerfstudioReader(tmp_path, shrink=8).read(truth=False)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 0.5 * count * 4 * photo.size
