@@ -124,7 +124,7 @@ def _whole(path: Path, read: Callable[[bytes], T]) -> T:
 
 def _text_sensors(content: bytes) -> dict[int, Sensor]:
     """A line a camera: number, model, width, height, parameters."""
-    lines = [line.split() for line in content.decode().splitlines() if line.strip() and not line.startswith("#")]
+    lines = [line.split() for line in content.decode("utf-8-sig").splitlines() if line.strip() and not line.startswith("#")]
     return {
         int(number): (model, int(width), int(height), tuple(map(float, values))) for number, model, width, height, *values in lines
     }
@@ -132,7 +132,7 @@ def _text_sensors(content: bytes) -> dict[int, Sensor]:
 
 def _text_images(content: bytes) -> list[Posed]:
     """Two lines a photograph: number, pose, camera, name; then points, three numbers each."""
-    images, lines = list[Posed](), iter(content.decode().splitlines())
+    images, lines = list[Posed](), iter(content.decode("utf-8-sig").splitlines())
     for line in lines:
         if line.strip() and not line.startswith("#"):
             number, *pose, sensor, name = line.strip().split(maxsplit=9)

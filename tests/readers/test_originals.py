@@ -98,6 +98,21 @@ def test_a_binary_model_of_colmap_and_a_second_one_that_is_left_out(tmp_path: Pa
     assert "sparse/1 is another sparse model and left out" in ColmapReader(tmp_path).read(truth=False).notes
 
 
+def test_a_model_in_text_as_editors_of_windows_save_it(tmp_path: Path) -> None:
+    """With a byte order mark and carriage returns."""
+    write_model(tmp_path)
+    lines = {"cameras": [f"5 PINHOLE {WIDTH} {HEIGHT} 50 51 19 16"], "images": list[str]()}
+    for number, name in enumerate(PHOTOS):
+        matrix = to_camera(number)
+        pose = " ".join(str(float(value)) for value in (*quaternion(matrix[:3, :3]), *matrix[:3, 3]))
+        lines["images"] += [f"{number + 1} {pose} 5 {name}", "1.5 2.5 -1"]
+    for kind, content in lines.items():
+        (tmp_path / "sparse" / "0" / f"{kind}.bin").unlink()
+        (tmp_path / "sparse" / "0" / f"{kind}.txt").write_bytes("\r\n".join(content).encode("utf-8-sig"))
+    for view in ColmapReader(tmp_path).read(truth=False).train:
+        expect_seen(view, PHOTOS.index(f"{view.name}.JPG"), 0.5)
+
+
 def test_parameters_of_colmaps_lenses(tmp_path: Path) -> None:
     write_model(tmp_path, 4, (50, 51, 19, 16, 0.0, 0.0, 0.0, 0.0))
     camera = ColmapReader(tmp_path).read(truth=False).train[0].camera
