@@ -30,7 +30,7 @@ from ia_bench.scenes.scene import Mesh
 if TYPE_CHECKING:
     import trimesh
 
-READ = "4"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
+READ = "5"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
 FAR = 1e4  # sizes of an object from the origin: single precision, in which rays are traced, shifts its points by .0006 of it there
 BORDER = 1 / 256  # of the whole square, around what each material has: look-ups between texels reach beyond it
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none

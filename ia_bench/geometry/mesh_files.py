@@ -58,7 +58,15 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of numpy and Pillow: what is wrong with a file is said in a sentence of ours
             logger.disabled = True  # and a texture that is not there, of which it would print a traceback, is no part of a mesh
-            return trimesh.load(source, file_type=kind, **options)
+            loaded: Any = trimesh.load(source, file_type=kind, **options)
+            # Of split vertices trimesh keeps no normals, or those of others where there are as many.
+            if options["fix_texture"] and hasattr(loaded, "faces"):
+                whole: Any = trimesh.load(path, file_type=kind, **options | {"fix_texture": False})
+                if (stored := stored_normals(whole)) is not None:
+                    normals = np.zeros(loaded.vertices.shape)
+                    normals[loaded.faces] = stored[whole.faces]
+                    loaded.vertex_normals = normals
+            return loaded
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise InputError(f"{path}: not a readable mesh ({type(error).__name__}: {error})") from None
     finally:

@@ -244,6 +244,28 @@ def test_a_texture_that_is_not_there_is_no_traceback(tmp_path: Path, ply: Ply, c
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.parametrize("corner", ["0 0", ".1 0"], ids=["one place", "split"])
+def test_normals_of_a_ply_whose_faces_have_uv_stay_with_their_vertices(tmp_path: Path, corner: str) -> None:
+    """As MeshLab writes it, here with a vertex that no face has: split, there are as many vertices as there were."""
+    header = [
+        "ply",
+        "format ascii 1.0",
+        "element vertex 5",
+        *(f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")),
+    ]
+    header += ["element face 2", "property list uchar int vertex_indices", "property list uchar float texcoord", "end_header"]
+    vertices = np.array(
+        [[9, 9, 9, 1, 0, 0], [0, 0, 0, 0, 0, 1], [1, 0, 0, 0.6, 0, 0.8], [1, 1, 0, 0, 0.6, 0.8], [0, 1, 0, 0, -0.6, 0.8]]
+    )
+    faces = ["3 1 2 3 6 0 0 1 0 1 1", f"3 1 3 4 6 {corner} 1 1 0 1"]
+    path = tmp_path / "mesh.ply"
+    path.write_text("\n".join([*header, *(" ".join(map(str, row)) for row in vertices), *faces]) + "\n")
+    mesh, notes = load_mesh(path)
+    assert notes == ()
+    normals = {tuple(row[:3]): row[3:] for row in vertices}
+    np.testing.assert_allclose(mesh.normals, [normals[tuple(place)] for place in mesh.vertices.tolist()], atol=1e-6)
+
+
 def test_a_vertex_with_two_uv_is_split(tmp_path: Path) -> None:
     """OBJ names UV per corner: two triangles of one square on two islands share positions but no UV."""
     obj = """
