@@ -59,10 +59,10 @@ class NeilfReader(FolderReader):
             return (self._view(path, content, key, middle, size) for key, flag in tracked if flag == POSED)
 
         train = [self.view(view) for view in views([place for place in range(len(keys)) if place not in held_out])]
-        seen = list(views(self.kept(sorted(held_out))))
-        test = novel = [self.view(view) for view in seen]
-        if truth:
-            test = [self.view(self._with_truth(materials, view)) for view in seen]
+        test, novel = list[View](), list[View]()
+        for view in views(self.kept(sorted(held_out))):
+            novel.append(self.view(view))
+            test.append(self.view(self._with_truth(materials, view)) if truth else novel[-1])
         shift, own = np.eye(4), inputs / "model" / "mesh.obj"
         shift[:3, 3] = -middle
         upright = np.eye(4) if self.mesh else FROM_Y_UP  # its own has +y up, the cameras +z

@@ -82,10 +82,16 @@ class StanfordOrbReader(FolderReader):
         """The capture; pseudo truth, scanned geometry and lights of other captures only with ``truth``. Raises InputError."""
         notes, own = list[str](), self._place / self.label
         train = [self.view(self._view(self.label, *frame, notes)) for frame in frames_of(own / "transforms_train.json")]
-        held_out = [self._view(self.label, *frame, notes) for frame in self.kept(frames_of(own / "transforms_test.json"))]
-        seen, albedo = [self.view(view) for view in held_out], self._truths / self.label / "pseudo_gt_albedo"
-        tested = self.with_true_albedo(held_out, *(lambda view, end=end: albedo / f"{view.name}{end}" for end in (".png", ".npy")))
-        test = [self.view(self._with_truth(view) if truth else view) for view in tested]
+        seen, test, albedo = list[View](), list[View](), self._truths / self.label / "pseudo_gt_albedo"
+        held_out = [
+            (frame, Path(text(*frame, "file_path", "")).name) for frame in self.kept(frames_of(own / "transforms_test.json"))
+        ]
+        tested = self.with_true_albedo(held_out, *(lambda one, end=end: albedo / f"{one[1]}{end}" for end in (".png", ".npy")))
+        for one in held_out:
+            view = self._view(self.label, *one[0], notes)
+            seen.append(self.view(view))
+            if one in tested:
+                test.append(self.view(self._with_truth(view)) if truth else seen[-1])
         lights: dict[str, np.ndarray] = {}
         for where, frame in self.kept(self._novel_frames()):
             name = text(where, frame, "scene_name", "")
