@@ -28,6 +28,7 @@ HIGH_BIT_MODES = {"I;16": 65535.0, "I;16B": 65535.0, "I;16L": 65535.0, "I": 6553
 
 CONVERTED = ("RGB", "RGBA", "P")
 """Modes of Pillow whose colours a profile is applied to: 8 bits of red, green and blue."""
+VIVID = 64  # steps of 255 between the channels of a pixel, more than compression leaves of a grey
 PROFILE_ROUNDING = 2  # steps of 255 by which a profile of sRGB itself may move a colour
 IGNORED = "is ignored, and sRGB assumed"
 REDUCED = "its 16 bits a channel are read as 8; OpenEXR keeps them"
@@ -118,8 +119,8 @@ def picture_values(path: Path, picture: Image.Image) -> np.ndarray:
 def read_mask(path: Path, *, upright: bool = False) -> np.ndarray:
     """A mask (H, W) from 0 to 1: the alpha of a cut-out, or else how bright the picture is.
 
-    ``upright`` turns it by its EXIF orientation. Raises InputError, also for a map of labels, which is 1 where the object is and
-    not white; a mask that is 0 everywhere is for the caller to refuse.
+    ``upright`` turns it by its EXIF orientation. Raises InputError, also for a map of labels, which is 1 or a colour where the
+    object is and not white; a mask that is 0 everywhere is for the caller to refuse.
     """
     picture = open_picture(path, upright=upright)
     if "transparency" in picture.info:
@@ -128,6 +129,13 @@ def read_mask(path: Path, *, upright: bool = False) -> np.ndarray:
         alpha = np.asarray(picture.getchannel("A"), np.float32) / 255
         if alpha.min() < 1:
             return alpha  # a cut-out: its shape is in its alpha
+    if picture.mode in CONVERTED:
+        colours = np.asarray(picture.convert("RGB"), np.int16).reshape(-1, 3)
+        vivid = np.ptp(colours, axis=1)
+        if vivid.max() > VIVID:
+            raise InputError(
+                f"{path}: expected white (255) where the object is, found the colour {colours[vivid.argmax()].tolist()}"
+            )
     mask = greyscale(path, picture)
     if 0 < mask.max() <= 0.5:
         white = HIGH_BIT_MODES.get(picture.mode, 255)

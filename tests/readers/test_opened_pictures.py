@@ -101,7 +101,7 @@ def test_a_run_is_known_by_masks_that_lie_elsewhere(tmp_path: Path) -> None:
     assert files == [tmp_path / "elsewhere/a.png", tmp_path / "photos/images/a.png"]
 
 
-# ---------------------------------------------------------------- masks that are 1 and not white where the object is
+# ---------------------------------------------------------------- masks that are 1 or a colour and not white where the object is
 # As segmentation programs write labels, are refused by name and cause.
 INSIDE = np.zeros((6, 9), np.uint8)
 INSIDE[2:5, 3:7] = 1
@@ -123,4 +123,13 @@ def test_labels_are_no_mask(tmp_path: Path, bits: int) -> None:
     white, found = 2**bits - 1, 1 if bits == 8 else 255
     said = rf"mask\.png: expected white \({white}\) where the object is, found values up to {found} of {white}$"
     with pytest.raises(InputError, match=said):
+        read_mask(tmp_path / "mask.png")
+
+
+@pytest.mark.parametrize("mode", ["RGB", "P", "RGBA"])
+def test_colours_of_labels_are_no_mask(tmp_path: Path, mode: str) -> None:
+    """Annotation programs give each label one; of this one, .68 would be taken for the share of every pixel."""
+    colours = INSIDE[..., None] * np.array([51, 221, 255], np.uint8)
+    Image.fromarray(colours).convert(mode).save(tmp_path / "mask.png")
+    with pytest.raises(InputError, match=r"mask\.png: expected white \(255\) where .*, found the colour \[51, 2..?, 255\]$"):
         read_mask(tmp_path / "mask.png")

@@ -142,8 +142,8 @@ def test_a_linear_curve_is_undone_and_alpha_kept(tmp_path: Path) -> None:
 def test_masks_and_maps_are_values_and_no_colours(tmp_path: Path) -> None:
     Image.fromarray(COLOURS).save(tmp_path / "a.png", icc_profile=P3)
     np.testing.assert_array_equal(read_values(tmp_path / "a.png")[..., :3], np.float32(COLOURS) / 255)
-    Image.fromarray(COLOURS).save(tmp_path / "plain.png")
-    np.testing.assert_array_equal(read_mask(tmp_path / "a.png"), read_mask(tmp_path / "plain.png"))
+    Image.fromarray(grey := COLOURS[..., :1].repeat(3, -1)).save(tmp_path / "mask.png", icc_profile=P3)
+    np.testing.assert_array_equal(read_mask(tmp_path / "mask.png"), np.float32(grey[..., 0]) / 255)
 
 
 @pytest.mark.parametrize(
