@@ -260,7 +260,8 @@ class Lens:
 def lens(where: str, frame: Mapping[str, Any]) -> Lens:
     """The lens of a frame of transforms.json: ``camera_model`` and k1, k2, k3, k4, p1, p2, each 0 where it is absent.
 
-    Coefficients count whatever the model is called, as in nerfstudio.
+    Coefficients count whatever the model is called, and ``distortion_params``, all six in this order, before single ones, as in
+    nerfstudio.
 
     Raises InputError, with its name, for a model that is none of these.
     """
@@ -271,6 +272,12 @@ def lens(where: str, frame: Mapping[str, Any]) -> Lens:
             f"{where}: camera_model: expected one of {', '.join(MODELS)}, found {shown(repr(model))}; "
             "undistort the photographs first (colmap image_undistorter)"
         )
+    if "distortion_params" in frame:
+        listed = numbers(frame["distortion_params"])
+        if listed.shape != (6,) or not np.isfinite(listed).all():
+            found = shown(repr(frame["distortion_params"]))
+            raise InputError(f"{where}: distortion_params: expected k1, k2, k3, k4, p1, p2 as 6 finite numbers, found {found}")
+        return Lens(*listed.tolist())
     return Lens(**{key: number(where, frame, key) for key in asdict(Lens()) if key in frame})
 
 

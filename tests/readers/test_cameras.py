@@ -52,6 +52,9 @@ def test_models_by_name_and_what_is_no_projection() -> None:
     with pytest.raises(InputError, match="expected rectangular pixels, found a skew of 5 pixels"):
         from_projection("P", skewed @ np.c_[ROTATION, SHIFT], 1, 1)
     assert lens("it", {"camera_model": "OPENCV", "k1": 0.1, "p2": 0.2}) == Lens(k1=0.1, p2=0.2)
+    assert lens("it", {"distortion_params": [0.1, 0, 0, 0, 0.3, 0.2], "k1": 7.0}) == Lens(k1=0.1, p1=0.3, p2=0.2)
+    with pytest.raises(InputError, match=r"it: distortion_params: expected k1, .* as 6 finite numbers, found \[0\.1, 0\.2\]"):
+        lens("it", {"distortion_params": [0.1, 0.2]})
     assert lens("it", {}) == Lens()
     with pytest.raises(InputError, match=r"it: camera_model: expected one of PINHOLE, .*, found 'EQUIRECTANGULAR'"):
         lens("it", {"camera_model": "EQUIRECTANGULAR"})
