@@ -146,7 +146,7 @@ class UnsplitReader(FolderReader):
         """The scene of ``count`` photographs, in their order; ``place`` as of :meth:`scene`. Raises InputError for too few."""
         training, held_out = self.split(range(count))
         if len(training) < 2:
-            raise InputError(f"{self.folder}: expected at least 4 photographs, found {count}")
+            raise InputError(f"{self.folder}: expected at least {4 if self.every == 2 else 3} photographs, found {count}")
         train, test = ([self.view(view(number)) for number in numbers] for numbers in (training, self.kept(held_out)))
         return self.scene(train=train, test=test, novel=test, notes=notes, place=place)
 
