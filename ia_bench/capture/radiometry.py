@@ -35,7 +35,7 @@ def photographed(views: Sequence[View], settings: CaptureSettings, masks: Sequen
         common = _exposure(np.concatenate(brightest), percentile, "all training views")
     if settings.background != "none":
         background = settings.background / common
-    pictures = [_picture(view, background) for view in views]
+    pictures = (_picture(view, background) for view in views)  # one by one, for in double precision all would fill the memory
     if not ldr:
         return tuple(_cut_out(*each) for each in zip(views, pictures, masks, strict=True))
     exposures = [common] * len(views)
