@@ -16,19 +16,22 @@ from ia_bench.scenes.turning import Round, TurningLight, Vector
 GAP = 0.03  # of the mean radius, between the heights of two circles
 LEAST = 3  # cameras on a circle
 OFF = 0.02  # of the mean radius, by which cameras may miss their circles, root mean square
-ENOUGH = 5  # cameras: a circle goes through any three
+ENOUGH = 5  # cameras, each in a place of its own: a circle goes through any three
 MEMBER = 0.1  # of its radius, within which a camera belongs to a round: its roll counts, too
 ROLL = 0.12  # sine of the angle by which a camera may be rolled about the axis of its round
 APART = 0.1  # sine of the angle between the right of two cameras from which they tell an axis
 PAIRED = 100  # cameras at most
 REFITS = 3  # times that what belongs together is told again from what was fitted
 ON_AXIS = 0.02  # sine of the angle at which a camera stands off a given axis, below which it is on it
+EXPECTED = f"capture.light=turntable: expected {ENOUGH} cameras or more on circles around one axis"
+OR_ELSE = "capture.turntable_axis=[x,y,z] gives an axis, and capture.light=camera needs none"
 
 
 def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callable[[str], None]) -> TurningLight:
     """How the light of ``settings``, which does not stand still, turns with the cameras of the training views.
 
-    Raises InputError for views that are not on circles around one axis, if none is given.
+    Raises InputError for views that are not on circles around one axis, or a few after each other, if none is given; for a camera
+    on the axis; and for an axis of zeros.
     """
     poses = np.stack([view.camera.to_world for view in views])
     start: tuple[tuple[float, float, float, float], ...] = tuple(tuple(map(float, row)) for row in poses[0][:3])  # type: ignore[misc]
@@ -42,17 +45,17 @@ def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callab
         given = TurningLight(start, (Round(_vector(axis), _vector(middle)),))
         _expect_beside(given, views, poses)
         return given
+    places = len(np.unique(poses[:, :3, 3], axis=0))
+    if places < ENOUGH:  # poses of the room, in which the object turned, among them: those are all in one place
+        raise InputError(f"{EXPECTED}, found {len(views)} cameras in {places} place(s); {OR_ELSE}")
     rounds = fitted_rounds(poses)
     residual = float(np.sqrt(np.average([one.residual**2 for one in rounds], weights=[len(one.views) for one in rounds])))
     told = f"{100 * residual:.1f} % of their mean radius off (root mean square)"
     downward = int((poses[:, :3, 1] @ rounds[0].axis <= 0).sum()) if len(rounds) == 1 else 0
     if downward:
         told += f", {downward} of them upside down"
-    if residual > OFF or downward or len(views) < ENOUGH:
-        raise InputError(
-            f"capture.light=turntable: expected {ENOUGH} cameras or more on circles around one axis, found {len(views)}, {told}; "
-            "capture.turntable_axis=[x,y,z] gives an axis, and capture.light=camera needs none"
-        )
+    if residual > OFF or downward:
+        raise InputError(f"{EXPECTED}, found {len(views)}, {told}; {OR_ELSE}")
     around = " and ".join(
         f"{len(one.circles)} circle(s) around [{', '.join(f'{part:.3f}' for part in one.axis)}]" for one in rounds
     )

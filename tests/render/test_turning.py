@@ -261,6 +261,8 @@ def test_other_cameras_are_refused_and_an_axis_may_be_given():
         InputError, match=r"expected 5 cameras or more on circles around one axis, found 30, \d+\.\d % of their mean"
     ):
         turning_light(views, CaptureSettings(light="turntable"), lambda line: None)
+    with pytest.raises(InputError, match=r"around one axis, found 6 cameras in 1 place\(s\)"):  # their poses in the room
+        turning_light(views[:1] * 6, CaptureSettings(light="turntable"), lambda line: None)
     given = turning_light(views, CaptureSettings(light="turntable", turntable_axis=(0.0, 0.0, 2.0)), lambda line: None)
     assert given.rounds[0].axis == (0.0, 0.0, 1.0)
     with pytest.raises(InputError, match="expected a direction"):
