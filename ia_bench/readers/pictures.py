@@ -63,7 +63,7 @@ def picture_below(folder: Path, name: object, where: str) -> Path:
 
 
 def mask_beside(folder: Path, photo: Path) -> Path:
-    """The mask of a photograph: NAME.png, or its whole name and .png, as COLMAP has it. Raises InputError where it is neither."""
+    """The mask of a photograph as :func:`mask_named` finds it. Raises InputError where there is none."""
     found = mask_named(folder, photo)
     if found is None:
         raise InputError(f"{photo}: expected a mask {folder / photo.stem}.png, found none")
@@ -84,7 +84,7 @@ def masks_of(folder: Path, photos: Sequence[Path], notes: list[str]) -> list[Pat
 
 
 def mask_named(folder: Path, photo: Path) -> Path | None:
-    """The mask of a photograph by its name, as :func:`mask_beside` has it, or None."""
+    """The mask of a photograph: NAME.png, its whole name and .png, as COLMAP has it, or its own name; None where there is none."""
     names = f"{photo.stem}.png", f"{photo.name}.png", photo.name
     return next((path for name in names if (path := folder / name).is_file()), None)
 
