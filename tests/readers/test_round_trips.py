@@ -31,7 +31,7 @@ from ia_bench.common.registry import create, find
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.readers.base import FolderReader
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS, check_scene, unscored
-from ia_bench.readers.writers.parts import Options
+from ia_bench.readers.writers.parts import Options, held_out
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import Scene, View
@@ -121,9 +121,9 @@ def test_the_files_that_a_reader_names_are_all_that_it_reads(layout: Layout, fol
 @of_others
 def test_smaller_images_and_fewer_held_out_views(layout: Layout, folder: Path, given: Options) -> None:
     whole, small = read(layout, folder, given), read(layout, folder, given, shrink=4, held_out=2)
-    held_out = "test" if whole.test else "novel"
-    names = [{view.name for view in getattr(scene, held_out)} for scene in (small, whole)]
-    assert len({view.camera.to_world.tobytes() for view in getattr(small, held_out)}) == 2
+    split = "test" if whole.test else "novel"
+    names = [{view.name for view in getattr(scene, split)} for scene in (small, whole)]
+    assert len({view.camera.to_world.tobytes() for view in getattr(small, split)}) == 2
     assert names[0] < names[1]
     np.testing.assert_allclose(small.train[0].image.mean(), whole.train[0].image.mean(), rtol=1e-5)
     assert small.train[0].camera.focal[0] == whole.train[0].camera.focal[0] / 4
@@ -141,6 +141,13 @@ def blocks(values: np.ndarray, side: int) -> np.ndarray:
     """The mean of every ``side`` x ``side`` pixels."""
     height, width = values.shape[0] // side, values.shape[1] // side
     return values.reshape(height, side, width, side, *values.shape[2:]).mean((1, 3))
+
+
+def test_a_zoom_on_a_tripod_is_two_held_out_cameras(tiny: Scene) -> None:
+    wide = tiny.test[0]
+    tele = replace(wide, name="tele", camera=replace(wide.camera, focal=(99.0, 99.0)))
+    cameras = held_out(replace(tiny, test=(wide, tele), novel=(tele, replace(wide, light="night"))))
+    assert [(view.name, len(relit)) for view, relit in cameras] == [(wide.name, 1), ("tele", 0)]
 
 
 @every_layout

@@ -33,9 +33,11 @@ def held_out(scene: Scene) -> list[tuple[View, list[View]]]:
 
     The first has the truth of a test view. A camera without one is left out.
     """
-    cameras: dict[bytes, list[View]] = {}
+    cameras: dict[tuple[bytes | float, ...], list[View]] = {}
     for view in (*scene.test, *scene.novel):
-        cameras.setdefault(view.camera.to_world.tobytes(), []).append(view)
+        camera = view.camera
+        same = camera.to_world.tobytes(), *camera.focal, *camera.centre, camera.width, camera.height
+        cameras.setdefault(same, []).append(view)
     found = []
     for views in cameras.values():
         lit = [view for view in views if view.light == "train"]
