@@ -22,7 +22,7 @@ from ia_bench.runs.config import slug
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.pictures import packing
 from ia_bench.runs.pictures.drawing import RELIT_STRIDE, VERSION, VIEW_STRIDE, SceneRenderer
-from ia_bench.runs.pictures.packing import Bundle, read_bundle, sheets
+from ia_bench.runs.pictures.packing import Bundle, ShownViews, read_bundle, sheets
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Truth
 
@@ -72,7 +72,7 @@ def _write_scene(
             other, its = next(iter(kept.values()), (run, own))
             if _reading(run) != _reading(other):
                 raise InputError(f"another reading of the scene than that of {next(iter(kept))}")
-            if own.views.get("fitted", []) != its.views.get("fitted", []):
+            if own.views.fitted != its.views.fitted:
                 raise InputError("no view was held out, and it is pictured in other training views")
         except InputError as error:
             missing.append(f"{row}, {scene}: {error}")
@@ -101,7 +101,7 @@ def _reading(run: Recovered) -> list[Any]:
 
 def _truth(run: Recovered, kept: Bundle, folder: Path, note: Callable[[str], None]) -> dict[str, Any]:
     """What the page has to know of photographs and truth, which are drawn into ``folder`` where they are not there yet."""
-    fitted, scene_name = list(kept.views.get("fitted", [])), folder.parent.name  # training views, where none is held out
+    fitted, scene_name = kept.views.fitted, folder.parent.name  # training views, where none is held out
     key = hashlib.sha256(json.dumps([VERSION, LAYOUT, *_reading(run), *fitted]).encode()).hexdigest()
     with suppress(InputError):  # none, or a damaged one: drawn anew
         held = read_json(folder / KEY)
@@ -135,7 +135,7 @@ def _truth(run: Recovered, kept: Bundle, folder: Path, note: Callable[[str], Non
     return described
 
 
-def _scores(views: dict[str, Any], run: Recovered) -> dict[str, list[float | None]]:
+def _scores(views: ShownViews, run: Recovered) -> dict[str, list[float | None]]:
     """The recorded score of every view that is shown: PSNR, of roughness the squared error."""
     recorded: dict[str, Any] = run.record.per_image
 
@@ -144,13 +144,13 @@ def _scores(views: dict[str, Any], run: Recovered) -> dict[str, list[float | Non
         digits = 1 if name == "psnr" else 4
         return [value and round(value, digits) for value in found] if len(found) == count else [None] * count
 
-    relit, test = recorded.get("relighting") or {}, views["test"]
+    relit, test = recorded.get("relighting") or {}, views.test
     return {
         "albedo": of(recorded.get("albedo"), "psnr", test),
         "aligned": of(recorded.get("aligned_albedo"), "psnr", test),
         "roughness": of(recorded.get("roughness"), "mse", test),
-        "view": of(recorded.get("view_synthesis"), "psnr", views["view"], VIEW_STRIDE),
-        "relit": [score for light, count in views["relit"].items() for score in of(relit.get(light), "psnr", count, RELIT_STRIDE)],
+        "view": of(recorded.get("view_synthesis"), "psnr", views.view, VIEW_STRIDE),
+        "relit": [score for light, count in views.relit.items() for score in of(relit.get(light), "psnr", count, RELIT_STRIDE)],
     }
 
 

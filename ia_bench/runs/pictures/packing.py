@@ -11,7 +11,7 @@ import io
 import json
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,12 @@ from PIL import Image
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import compact_json
 from ia_bench.common.progress import Progress
+from ia_bench.common.settings import parsed
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.render.asset_files import glb
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.packs import BROKEN
 from ia_bench.runs.pictures.drawing import TURNS, VERSION, Pictures, SceneRenderer
 from ia_bench.runs.pictures.preview import PREVIEW, preview
 from ia_bench.scenes.color import linear_to_srgb
@@ -133,6 +135,16 @@ def script(name: str, content: dict[str, Any]) -> bytes:
 
 
 @dataclass(frozen=True)
+class ShownViews:
+    """How many views are shown of each kind, ``relit`` by light; ``fitted``: their names, if none of them was held out."""
+
+    test: int
+    view: int
+    relit: dict[str, int]
+    fitted: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
 class Bundle:
     """The pictures of one run.
 
@@ -142,20 +154,20 @@ class Bundle:
         errors: What the page's error maps are read from (JSON types).
         solid: Textures for the 3-D viewer, the mesh where it is not the scene's, and the recovered light where no true one is known
             (JSON types).
-        views: How many there are of "test", of "view", and "relit" by light; "fitted": the names of those that are no held-out
-            ones, if they are not.
+        views: Which views they show.
     """
 
     sheets: dict[str, bytes]
     shapes: dict[str, list[int]]
     errors: dict[str, Any]
     solid: dict[str, str]
-    views: dict[str, Any]
+    views: ShownViews
 
     def zipped(self) -> bytes:
         """The file."""
         buffer = io.BytesIO()
-        about = {"version": VERSION, **{name: part for name, part in vars(self).items() if name != "sheets"}}
+        views = {name: part for name, part in vars(self.views).items() if name != "fitted" or part}
+        about = {"version": VERSION, "shapes": self.shapes, "errors": self.errors, "solid": self.solid, "views": views}
         files = {f"{name}.webp": sheet for name, sheet in self.sheets.items()} | {"about.json": compact_json(about).encode()}
         with zipfile.ZipFile(buffer, "w") as archive:
             for name, content in files.items():
@@ -175,9 +187,7 @@ def bundle(scene_renderer: SceneRenderer, true: Pictures, found: TexturedReconst
     if "light" not in true.sheets and found.environment is not None:
         solid["light"] = light(LatLongEnvironment(found.environment.texels.detach().cpu()))
     relit = {name: len(views) for name, views in scene_renderer.relit.items()}
-    views: dict[str, Any] = {"test": len(scene_renderer.test), "view": len(scene_renderer.views), "relit": relit}
-    if scene_renderer.fitted:
-        views["fitted"] = scene_renderer.fitted
+    views = ShownViews(len(scene_renderer.test), len(scene_renderer.views), relit, scene_renderer.fitted)
     about = {"tile": tile, "sheets": errors, "levels": LEVELS, "largest": LARGEST}
     return Bundle(*sheets(pictures), errors=about, solid=solid, views=views)
 
@@ -224,7 +234,8 @@ def write_bundle(
 def read_bundle(folder: Path) -> Bundle | None:
     """The pictures in a run folder; None where there are none, or of another version of the drawing.
 
-    Raises InputError for a file that is damaged.
+    Raises InputError for a file that is damaged. It may be somebody else's, of a pack: sheets are written into the page's folder
+    under their names, which lead to no other place.
     """
     path = folder / PICTURES
     if not path.is_file():
@@ -232,9 +243,11 @@ def read_bundle(folder: Path) -> Bundle | None:
     try:
         with zipfile.ZipFile(path) as archive:
             about = json.loads(archive.read("about.json"))
-            if about["version"] != VERSION:
+            if about.pop("version") != VERSION:
                 return None
-            del about["version"]
-            return Bundle({name: archive.read(f"{name}.webp") for name in about["shapes"]}, **about)
-    except (zipfile.BadZipFile, KeyError, TypeError, ValueError) as error:
+            found = parsed(Bundle, {"sheets": {}, **about})
+            if odd := [name for name in found.shapes if not name.isidentifier()]:
+                raise ValueError(f"shapes: expected words as names, found {odd[0]}")
+            return replace(found, sheets={name: archive.read(f"{name}.webp") for name in found.shapes})
+    except (*BROKEN, AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: expected the pictures of a run, found a damaged file ({error})") from None

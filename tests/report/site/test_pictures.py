@@ -4,8 +4,9 @@ import base64
 import gzip
 import io
 import json
+import zipfile
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -191,7 +192,7 @@ def test_training_photographs_stand_for_a_scene_that_holds_none_out(tiny: Scene,
     found = run.reconstruction(scene_renderer.stage)
     packed = bundle(scene_renderer, scene_renderer.truth(), found, scene_renderer.recovered(found, run.scale))
     names = [view.name for view in tiny.train]
-    assert packed.views["fitted"] == scene_renderer.fitted
+    assert packed.views.fitted == scene_renderer.fitted
     assert (scene_renderer.fitted[0], scene_renderer.fitted[-1], len(set(scene_renderer.fitted))) == (names[0], names[-1], 6)
     assert packed.shapes["view"] == packed.shapes["albedo"] == [6, 5]
     again = SceneRenderer(lacking(tiny, "test", "novel"), scene_renderer.fitted[1:3])
@@ -286,3 +287,25 @@ def test_rows_of_one_slug_have_pictures_of_their_own(tmp_path: Path, perfect_run
     assert folders.keys() == {"w/o prior", "w o prior", "Truth"}
     assert len({*map(str.casefold, folders.values()), "truth"}) == 4
     assert len([*(tmp_path / "parts").glob("*/*/errors.js")]) == 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"shapes": {"../../../evil.sh": [1, 1]}}, "shapes: expected words as names, found ../../../evil.sh"),
+        ({"views": {}}, "views.test: expected a value, found None"),
+    ],
+)
+def test_pictures_of_somebody_else_are_written_nowhere_else_and_spoil_no_report(
+    changes: dict[str, object], says: str, tmp_path: Path, perfect_run: Path, keep_pictures: Callable[..., None]
+) -> None:
+    keep_pictures(perfect_run)
+    own = packing.read_bundle(perfect_run)
+    assert own is not None
+    assert own.zipped() == (perfect_run / packing.PICTURES).read_bytes()
+    with zipfile.ZipFile(perfect_run / packing.PICTURES, "w") as archive:
+        archive.writestr("about.json", json.dumps({"version": packing.VERSION, **asdict(replace(own, sheets={})), **changes}))
+        archive.writestr("../../../evil.sh.webp", b"echo evil")
+    gallery = lay_out_pictures(runs_of((perfect_run, "theirs", 0)), tmp_path / "parts", print)
+    assert says in gallery.missing[0]
+    assert not list(tmp_path.rglob("evil.sh"))
