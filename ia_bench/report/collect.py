@@ -168,15 +168,15 @@ def read_run(folder: Path) -> Record:
         found["capture"] = setup and parsed(CaptureSettings, setup.config.get("capture", {})).label
     if record.status == "failed":
         return {**found, "problem": record.error}
-    shape = {name: value for name, value in record.geometry.items() if name != "reasons"}
+    shape = {name: value for name, value in record.geometry.items() if not isinstance(value, dict)}  # which "reasons" is
     variants: dict[str, dict[str, Any]] = {**record.variants, "geometry": shape}
     views, lpips = record.capture.get("views"), record.protocol_description.get("lpips")
     net = lpips.get("net", "unknown") if isinstance(lpips, dict) else "unknown"
     found |= {
         **{name: getattr(record, name) for name in COUNTED},
         "protocol": record.protocol if "lpips.net=" in record.protocol else f"{record.protocol} (lpips.net={net})",
-        **{metric.column: record.score(metric.key) for metric in MEASURED},
         **{f"{group}_{name}": value for group, values in variants.items() for name, value in values.items()},
+        **{metric.column: record.score(metric.key) for metric in MEASURED},
         **{f"{TIMES}{phase}": seconds for phase, seconds in record.time_s.items()},
         **{f"{RESCORED}{key}": value for key, value in record.rescored_from.items()},
         "seconds": row_seconds(record.time_s),
@@ -184,8 +184,8 @@ def read_run(folder: Path) -> Record:
         "reasons": {**{metric.key: NOT_SCORED for metric in MEASURED if record.score(metric.key) is None}, **record.reasons},
     }
     if (said := record.declared) is not None:  # of results that were made elsewhere, whose seconds are none of this machine's
-        found |= {"seconds": said.get("seconds"), "cpu_seconds": None, "load": None, "peak_memory_bytes": None, DECLARED: "yes"}
-        found |= {f"{DECLARED}_{key}": str(value) for key, value in said.items() if value not in (None, "")}
+        found |= {"seconds": said.seconds, "cpu_seconds": None, "load": None, "peak_memory_bytes": None, DECLARED: "yes"}
+        found |= {f"{DECLARED}_{key}": str(value) for key, value in vars(said).items() if value not in (None, "")}
     try:
         return {**found, "curve": read_curve(folder / CURVE)}
     except InputError as error:

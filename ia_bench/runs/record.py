@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
+from ia_bench.common.declared import Declared
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.files import read_json
 from ia_bench.common.ranges import Name
@@ -76,9 +77,8 @@ class RunRecord:
         capture: What the scene was left with.
         environment: Machine, threads, versions and commit.
         files: Every other file that the run wrote -> its SHA-256.
-        declared: "authors", "code", "hardware" and "seconds" of results, or of predictions, that were made elsewhere, as whoever
-            brings them says; these seconds count in place of the run's own, which are among them where only predictions were
-            brought. None for a run that has made all itself.
+        declared: What whoever brings results, or predictions, that were made elsewhere says of them; their seconds count in place
+            of the run's own, which are among them where only predictions were brought. None for a run that has made all itself.
         rescored_from: Hash, protocol and commits of the run whose results are scored here again; empty for a run of its own.
     """
 
@@ -116,7 +116,7 @@ class RunRecord:
     capture: dict[str, Any] = field(default_factory=dict)
     environment: dict[str, Any] = field(default_factory=dict)
     files: dict[str, str] = field(default_factory=dict)
-    declared: dict[str, str | float | None] | None = None
+    declared: Declared | None = None
     rescored_from: dict[str, str | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import resource
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -92,7 +92,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
         counters={**counts, **result.counters},
         plan=problem.plan.record() if "plan" in vars(problem) else {"needed": [], "left_out": []},
         capture=capture_record(scene, config.capture),
-        declared=None if declared is None else asdict(declared),
+        declared=declared,
     )
     return folder.write_record(found)
 

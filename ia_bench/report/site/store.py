@@ -139,8 +139,9 @@ def _scores(views: ShownViews, run: Recovered) -> dict[str, list[float | None]]:
     """The recorded score of every view that is shown: PSNR, of roughness the squared error."""
     recorded: dict[str, Any] = run.record.per_image
 
-    def of(values: dict[str, Any] | None, name: str, count: int, stride: int = 1) -> list[float | None]:
-        found = (values or {}).get(name, [])[::stride]
+    def of(values: Any, name: str, count: int, stride: int = 1) -> list[float | None]:  # noqa: ANN401 (of a record, by light or not)
+        kept = values.get(name) if isinstance(values, dict) else None
+        found = kept[::stride] if isinstance(kept, list) else []
         digits = 1 if name == "psnr" else 4
         return [value and round(value, digits) for value in found] if len(found) == count else [None] * count
 
