@@ -224,8 +224,9 @@ def expect_outside(key: str, place: Path, scene: SceneConfig, reader: ReaderConf
 
 
 def slug(text: str) -> str:
-    """A label as a folder name: ``oracle w/o guided`` becomes ``oracle-w-o-guided``."""
-    return "-".join("".join(c if c.isalnum() or c in "_." else " " for c in text).split())
+    """A label as a folder name: ``oracle w/o guided`` becomes ``oracle-w-o-guided``; "_" for one without a letter or number."""
+    words = "-".join("".join(c if c.isalnum() or c in "_." else " " for c in text).split())
+    return words if words.strip(".") else "_"  # no letter at all: a path with "" or ".." as a part leads elsewhere
 
 
 def cell_name(scene: str, row: str, seed: int, key: str) -> str:

@@ -15,7 +15,7 @@ from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.diffusion import learned
 from ia_bench.runs import identity as identities
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import RunConfig, slug
+from ia_bench.runs.config import RunConfig, cell_name, slug
 from ia_bench.runs.identity import from_anywhere, hash_of, identity, run_folder, setup
 
 pytestmark = pytest.mark.usefixtures("scenes")
@@ -265,3 +265,4 @@ def test_folder_is_named_by_scene_row_and_hash() -> None:
     assert run_folder(compose(["device=cpu", "out=some/where"]), "") == Path("some/where")
     assert run_folder(compose(["device=cpu", "method=ceiling"]), "").name.startswith("ceiling-")
     assert slug("../x y") == "..-x-y"
+    assert [cell_name(scene, "none", 0, "01234567") for scene in ("!", "..")] == ["_/none-seed0-01234567"] * 2
