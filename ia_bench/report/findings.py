@@ -214,9 +214,9 @@ def analyse(collection: Collection, table: Table | None = None, rows: Sequence[s
     """
     table = table or Table()
     every = collection.runs
-    counted = every["protocol"].value_counts()
+    counted = finished(every)["protocol"].value_counts()  # a runs.csv tells that of failed runs, too
     protocol = str(counted.index[0]) if len(counted) else "(no finished run)"
-    foreign = every["problem"].isna() & (every["protocol"] != protocol) & (len(counted) > 0)
+    foreign = every["problem"].isna() & (every["protocol"] != protocol)
     runs, others = every[~foreign], every[foreign]
     rows = _ordered([row.name for row in table.crossed_rows] if rows is None else rows, runs["row"])
     scenes = _ordered(table.scene_names, runs["scene"])

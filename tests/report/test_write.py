@@ -118,6 +118,17 @@ def test_failures_and_what_was_left_out_are_named(report: Report, out: Path) -> 
     assert "- ours, hat, seed 2: loss is not finite at step 3\n" in text
 
 
+def test_the_protocol_of_most_finished_runs_is_kept() -> None:
+    """Of a runs.csv failed runs have one as well."""
+    lost = [scored("ours", "hat", seed, None, protocol="a", problem="no") for seed in (1, 2, 3)]
+    runs = [
+        *lost,
+        scored("ours", "hat", 0, 20.0, protocol="a"),
+        *(scored("none", "hat", seed, 20.0, protocol="b") for seed in (0, 1)),
+    ]
+    assert analyse(Collection(as_table(runs))).protocol == "b"
+
+
 def test_markdown_says_what_a_reader_needs(out: Path) -> None:
     lines = (out / "report.md").read_text().splitlines()
     tables = [line for line in lines if line.startswith("|")]
