@@ -284,7 +284,7 @@ def points(time: Timing) -> list[Record]:
             {
                 "row": row,
                 "name": clock.short(row),
-                "cost": round(clock.costs[row], 4),
+                "cost": float(f"{clock.costs[row]:.6g}"),  # never zero, of which there is no logarithm
                 "scores": {key: round(score, 4) for key, rows in tables.items() if (score := rows[row].score) is not None},
                 "front": [key for key, rows in tables.items() if rows[row].front],
                 "curve": row in clock.curve,
