@@ -154,7 +154,7 @@ class Findings:
                 found.append(f"{count} of {len(done)} runs {what}.")
         return found
 
-    @property
+    @cached_property
     def made(self) -> dict[str, dict[str, str]]:
         """Row -> its preset, threads and commit, with commas between where its runs differ."""
         rows = {row: self._made.loc[mine.index, list(RECORDED)] for row, mine in self.runs.groupby("row", sort=False)}
