@@ -25,7 +25,8 @@ def environment(device: str, threads: int) -> dict[str, Any]:
     if device == "cuda":
         import torch  # only where a run has it loaded anyway
 
-        device = torch.cuda.get_device_name()
+        if torch.cuda.is_available():  # not where a table tells of a worker that died elsewhere
+            device = torch.cuda.get_device_name()
     return {
         "python": platform.python_version(),
         "system": platform.platform(),

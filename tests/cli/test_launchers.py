@@ -26,7 +26,7 @@ from ia_bench.runs.cells import Cell, make_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import resolved
 from ia_bench.runs.launchers import LAUNCHERS, Ray, SubmititSlurm
-from ia_bench.runs.schedule import run_cells
+from ia_bench.runs.schedule import _failed, run_cells
 from ia_bench.runs.table import Row, Table
 
 pytestmark = pytest.mark.usefixtures("workplace")
@@ -152,6 +152,8 @@ def test_ray_without_its_extra_is_one_sentence_and_with_it_cells_use_a_gpu(monke
     (cell,) = make_cells(Table(scenes=["hat"], rows=[Row("a", ["prior=none"])]), request, 3, Path("results/t"))
     assert (cell.config.device, cell.config.threads) == ("cuda", 3)
     assert Ray(cpus=3).jobs_and_threads(None, "cuda")[1] == 3
+    assert _failed(cell, "worker died", 0).startswith("FAILED (worker died), see "), "here, where no GPU needs to be"
+    assert metrics(cell)["error"] == "worker died"
 
 
 @pytest.mark.parametrize("row", [["prior=none", "fit.pixels=77"], ["prior=diffusion"], ["method=ceiling"]])
