@@ -53,6 +53,7 @@ LATEX = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
     "”": "''",
     "<": "$<$",
     ">": "$>$",
+    "|": "$|$",
 }
 MARKS = dict(block_start="<%", block_end="%>", variable_start="<<", variable_end=">>", comment_start="<#", comment_end="#>")
 

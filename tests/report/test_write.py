@@ -192,6 +192,7 @@ def check_latex(text: str) -> None:
 
 def test_latex_and_markdown_escape_every_special_character() -> None:
     assert tex("a_b%#&{}$~^\\") == r"a\_b\%\#\&\{\}\$\textasciitilde{}\textasciicircum{}\textbackslash{}"
+    assert tex("a|b") == "a$|$b", "which is a dash in LaTeX's first fonts"
     assert (tex("*ours"), tex("[7] theirs")) == ("{}*ours", "{}[7] theirs"), "behind a line's end they would be options of it"
     assert pipe_table(Printed(["Row"], [["$a_b$ | <i>*c*</i>"]])).splitlines()[-1] == r"| \$a\_b\$ \| \<i\>\*c\*\</i\> |"
 
