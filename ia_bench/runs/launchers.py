@@ -251,7 +251,8 @@ class SubmititLocal(SubmititSlurm):
         return jobs or max(1, cores() // self.cpus), self.cpus
 
     def _cancel(self, job: Any) -> None:  # noqa: ANN401 (as _job)
-        os.kill(int(job.job_id), signal.SIGTERM)  # to a process that hands signals on; submitit's own way kills after a second
+        with suppress(ProcessLookupError):  # it has just ended; the others are still to be asked
+            os.kill(int(job.job_id), signal.SIGTERM)  # to a process that hands signals on; submitit's own way kills after a second
 
 
 LAUNCHERS: dict[str, type[Local]] = {
