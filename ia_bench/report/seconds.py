@@ -45,8 +45,7 @@ class AtEqualSeconds:
 
     ``beyond``: whether it takes longer than the whole curve; ``judged``: whether the gain at equal seconds may be called decided,
     which takes every scene of the reference, and a curve that is as long as the row and that the row is not part of; ``score``:
-    its mean, None for one that is not ranked; ``front``: whether no ranked row is both cheaper and better, nor better for the same
-    cost.
+    its mean, None for one that is not ranked; ``front``: whether it is better than every ranked row that costs no more.
     """
 
     gain: Paired
