@@ -136,11 +136,11 @@ def measured(block: Block, metrics: Sequence[Metric] = MEASURED) -> list[Metric]
 
 def left_out(block: Block) -> list[str]:
     """A sentence for every column that is left out, with its reasons: "Roughness MSE: no true roughness"."""
-    found = []
+    found, without = [], "every run failed" if any(one.runs for one in block.lines) else "no run is here"
     for metric in (one for one in MEASURED if one not in measured(block)):
         reasons = dict.fromkeys(reason for one in block.lines for reason in one.reasons[metric.key])
         if metric in METRICS or {*reasons} - {NOT_SCORED}:  # of what is newer than all records nobody has to know
-            found.append(f"{metric.title}: {'; '.join(reasons) or 'every run failed'}")
+            found.append(f"{metric.title}: {'; '.join(reasons) or without}")
     return found
 
 

@@ -293,6 +293,12 @@ def test_the_light_stands_in_the_main_table_and_every_new_group_in_one_of_its_ow
     assert (findings.footnotes, left_out(findings.overall)) == ({}, []), "nobody has to know of what is newer than all records"
 
 
+def test_a_scene_that_was_not_run_is_not_one_where_every_run_failed() -> None:
+    runs = as_table([scored("ours", "hat", 0, None, problem="no")])
+    hat, ship = analyse(Collection(runs), Table(scenes=["hat", "ship"])).blocks
+    assert (left_out(hat)[0], left_out(ship)[0]) == ("Albedo PSNR ↑: every run failed", "Albedo PSNR ↑: no run is here")
+
+
 def test_runs_that_were_made_alike_are_compared_by_their_seconds_too() -> None:
     alike = {"preset": "quick", "threads": 1, "commit": "abc", "clean": True, "cpu": "Abacus 2"}
     runs = as_table([scored(row, "hat", seed, 1.0, **alike, load=1.0) for row in ("none", "ours") for seed in (0, 1)])
