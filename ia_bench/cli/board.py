@@ -43,6 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         shutil.rmtree(former, ignore_errors=True)
     cells: dict[Path, CellKey | None] = {}
     notes: dict[str, dict[str, None]] = {}  # of a row, what each of its packs says, once
+    labels: dict[str, str] = {}  # "row (authors)" -> that with its mark
     left_out = 0
     for path in packs:
         if (digest := digest_of(path)) is None:
@@ -70,13 +71,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 count = sum(states.get(folder) == "verified" for folder in runs)
                 mark = ", verified" if count == len(runs) else ", not verified"
                 said.append(f"{count} of {len(runs)} runs scored again with the same result")
-            declared = any(record.declared is not None for record in runs.values())
-            said.append("seconds as they declare them" if declared else "seconds as measured by the runs")
-            label = f"{row} ({manifest.authors}{mark})"
+            declared = [record.declared for record in runs.values() if record.declared is not None]
+            told = (
+                "seconds as they declare them" if any(one.get("seconds") is not None for one in declared) else "no seconds declared"
+            )
+            said.append(told if declared else "seconds as measured by the runs")
+            label = labels[f"{row} ({manifest.authors})"] = f"{row} ({manifest.authors}{mark})"
             notes.setdefault(label, {})["; ".join([*said, *filter(None, [manifest.note])])] = None
             cells |= {place / folder: (label, record.scene, record.seed) for folder, record in runs.items()}
     if not cells:
         raise InputError(f"{', '.join(map(str, wanted.packs))}: expected a pack that can be shown, found none")
     rows = [Row(label, [], "; ".join(note)) for label, note in notes.items()]
-    finish(write_report(cells, wanted.out, Table(rows=rows, reference=wanted.reference)), wanted.out, "board")
+    finish(
+        write_report(cells, wanted.out, Table(rows=rows, reference=labels.get(wanted.reference, wanted.reference))),
+        wanted.out,
+        "board",
+    )
     return FAULT if left_out else OK
