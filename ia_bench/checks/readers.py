@@ -25,6 +25,7 @@ from ia_bench.scenes.scene import Scene
 
 AGREEMENT = "mesh, cameras and masks"
 SHOWN, ROW = 16, 8  # training photographs on a sheet, and pictures in a row of it
+TILE = 150  # pixels that a picture is wide at least, so that its view's name finds room above it
 COMPONENTS = ("albedo", "roughness", "view_synthesis", "relighting")
 
 
@@ -124,5 +125,5 @@ def write_sheet(scene: Scene, path: Path) -> Iterator[Finding]:
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = [cells[first : first + ROW] for first in range(0, len(cells), ROW)]
     with whole_file(path) as partial:
-        labelled(rows, width=GAP + len(rows[0]) * (GAP + max(cell.width for _, cell in cells))).save(partial, format="PNG")
+        labelled(rows, width=GAP + len(rows[0]) * (GAP + max(TILE, *(cell.width for _, cell in cells)))).save(partial, format="PNG")
     yield Finding("pass", "contact sheet", "", str(path))

@@ -185,6 +185,7 @@ def test_what_was_found_and_a_picture_of_it(tiny: Scene, tmp_path: Path) -> None
     assert found["lights"].found == "maps of night, studio, sunset, train"
     with Image.open(sheet) as picture:
         picture.load()
+        assert picture.width > 8 * 150, "small photographs are enlarged, so that names above them do not overlap"
         colours = np.asarray(picture.convert("RGB")).reshape(-1, 3)
     assert (np.abs(colours - [255.0, 0, 0]).max(1) < 40).sum() > 100  # outlines
     bare = replace(without_truth(tiny), mesh=None, test=(), novel=())
