@@ -16,7 +16,7 @@ from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.report.collect import read_published
 from ia_bench.report.site.page import PARTS, draw_pictures, write_page
-from ia_bench.report.table import MAIN, OUR_TABLE, measured, results_table
+from ia_bench.report.table import MAIN, OUR_TABLE, Entry, left_out, measured, results_table
 from ia_bench.report.value import write_value
 from ia_bench.report.write import Report, pipe_table, write_report
 from ia_bench.runs.cells import CELLS, folders_with_cells, read_cells
@@ -24,6 +24,7 @@ from ia_bench.runs.table import Table, capture_of, crossed_name, load_table, som
 
 PAGE = "page"
 """The folder below a report's that holds its page."""
+NOTES = 5  # so many of a report's notes are printed as well
 
 
 @exits
@@ -92,12 +93,17 @@ def finish(report: Report, out: Path, name: str) -> Path:
     with Progress() as progress:
         gallery = draw_pictures(findings.runs, out / PAGE / PARTS, progress.note)
     page = write_page(findings, f"Table: {name}", out / PAGE, gallery)
+    main_table = results_table(findings.overall, findings.footnotes, measured(findings.overall, MAIN), {})
+    marked = {number for cells in main_table.body for cell in cells if isinstance(cell, Entry) for number in cell.notes}
     lines = [
         *findings.warnings,
+        *findings.notes[:NOTES],
+        *([f"report.md has {len(findings.notes) - NOTES} more notes."] if len(findings.notes) > NOTES else []),
         f"Protocol {findings.protocol}, mean over scenes. {findings.made_alike}\n",
         *([OUR_TABLE.replace("\n", " "), ""] if findings.counterparts else []),
-        pipe_table(results_table(findings.overall, findings.footnotes, measured(findings.overall, MAIN), {})),
-        *(f"[^{number}]: {reason}" for reason, number in findings.footnotes.items()),
+        pipe_table(main_table),
+        *(f"[^{number}]: {reason}" for reason, number in findings.footnotes.items() if number in marked),
+        *(f"Left out, for no run has it: {line}." for line in left_out(findings.overall)),
         *([findings.timing.told, pipe_table(findings.timed)] if findings.timing and findings.timed else []),
         *(f"{row.name}: {row.note}" for row in findings.table.crossed_rows if row.note),
         "",

@@ -135,13 +135,14 @@ def measured(block: Block, metrics: Sequence[Metric] = MEASURED) -> list[Metric]
 
 
 def left_out(block: Block) -> list[str]:
-    """A sentence for every column that is left out, with its reasons: "Roughness MSE: no true roughness"."""
-    found, without = [], "every run failed" if any(one.runs for one in block.lines) else "no run is here"
+    """The columns that are left out, those with the same reasons together: "Roughness MSE ↓: no true roughness"."""
+    found: dict[str, list[str]] = {}
+    without = "every run failed" if any(one.runs for one in block.lines) else "no run is here"
     for metric in (one for one in MEASURED if one not in measured(block)):
         reasons = dict.fromkeys(reason for one in block.lines for reason in one.reasons[metric.key])
         if metric in METRICS or {*reasons} - {NOT_SCORED}:  # of what is newer than all records nobody has to know
-            found.append(f"{metric.title}: {'; '.join(reasons) or without}")
-    return found
+            found.setdefault("; ".join(reasons) or without, []).append(metric.title)
+    return [f"{', '.join(titles)}: {reason}" for reason, titles in found.items()]
 
 
 def parts(block: Block) -> list[tuple[str, list[Metric]]]:
@@ -208,9 +209,9 @@ def beside_paper_table(block: Block, counterparts: Mapping[str, PaperRow]) -> Pr
 
 
 def whole_table(block: Block) -> Printed:
-    """Every PSNR over the object's pixels, and over whole images; nothing where no run has the latter."""
+    """Every PSNR that some row has over the object's pixels, and over whole images; nothing where no run has the latter."""
     rows = {one.row: (one.values, one.whole) for one in block.lines if any(one.whole.values())}
-    return _two_ways(rows, PSNRS, ("object", "whole image"), block.scenes)
+    return _two_ways(rows, measured(block, PSNRS), ("object", "whole image"), block.scenes)
 
 
 def redrawn_table(redrawn: Mapping[str, Mapping[str, Estimate | None]], overall: Block) -> Printed:

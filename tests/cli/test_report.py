@@ -21,8 +21,11 @@ def test_runs_of_several_folders_are_reported_together(tmp_path: Path, capsys: p
     write_record(tmp_path / "mine" / "a", "none", 20.0)
     write_record(tmp_path / "yours" / "b", "ours", 22.0)
     arguments = [*map(str, (tmp_path / "mine", tmp_path / "yours")), "--out", str(tmp_path / "out"), "--reference", "none"]
+    (tmp_path / "yours" / "torn").mkdir()
+    (tmp_path / "yours" / "torn" / "metrics.json").touch()
     assert main(arguments) == 0
     printed = capsys.readouterr().out
+    assert "left out, no record of a run: " in printed.partition("\n| Row ")[0], "before any number"
     assert "Protocol paper-v1 (lpips.net=alex), mean over scenes" in printed
     assert "| ours | 22.00 |" in printed
     assert "+2.00" in (tmp_path / "out" / "report.md").read_text()

@@ -226,6 +226,8 @@ def test_each_reason_of_a_null_is_one_footnote_wherever_it_holds(write_run: Writ
     text = (tmp_path / "out" / "report.md").read_text()
     assert "| ours | 0.9000 | 0.1000 | 0.9000 | 0.1000 |" in text, "columns that no run has are left out"
     assert "Left out, for no run has it: Albedo PSNR ↑: the scene has no such truth." in text
+    cannot_be = "Aligned albedo PSNR ↑, View synthesis PSNR ↑, Relighting PSNR ↑"
+    assert f"Left out, for no run has it: {cannot_be}: the method cannot predict it." in text
     overall, hat, ship = text.split("\n## ")[1:4]
     assert "| ours | 0.0500 (1/2)[^3] |" in overall, "one scene has it"
     assert "Roughness MSE ↓: no true roughness" not in overall + hat
