@@ -15,7 +15,7 @@ from ia_bench.common.atomic_file import whole_folder
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.paths import make_writable
-from ia_bench.runs.composition import compose, setting
+from ia_bench.runs.composition import compose, scene_setting, setting
 from ia_bench.runs.config import expect_outside
 from ia_bench.scenes.scene import Mesh
 
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     named = [text for text in wanted.given if "=" not in text]
     if not any(text.startswith(("scene=", "scene.path=")) for text in settings) and named:
         name, *named = named
-        settings.insert(0, setting("scene.path" if Path(name).is_dir() else "scene", name))
+        settings.insert(0, scene_setting(name, settings))
     if len(named) != 1:
         raise InputError(f"ia-bench export: expected SCENE OUT, a scene and a new folder, found {' '.join(wanted.given)}")
     if wanted.size is not None and not 8 <= wanted.size <= 8192:

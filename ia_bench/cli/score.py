@@ -11,7 +11,7 @@ from ia_bench.cli import run
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.files import is_file, shown
-from ia_bench.runs.composition import written
+from ia_bench.runs.composition import scene_setting, written
 
 USAGE = "ia-bench score WHAT --scene NAME|FOLDER [--OPTION VALUE ...] [SETTING=VALUE ...]"
 ABOUT = """\
@@ -77,10 +77,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise InputError(f"{shown(path)}: expected results of other software, found a run; --pictures OUT writes its pictures")
     if not (path.is_dir() or path.suffix.lower() in MESHES):
         raise InputError(f"{shown(what)}: expected a mesh ({', '.join(MESHES)}) or a folder of pictures, found neither")
-    scene = "scene.path" if "/" in wanted.scene or wanted.scene.startswith(".") else "scene"
-    found = {"method": "images" if path.is_dir() else "asset", scene: written(wanted.scene), "method.options.path": written(what)}
+    settings = [text for text in wanted.given if "=" in text]
+    found = {"method": "images" if path.is_dir() else "asset", "method.options.path": written(what)}
     keys = {name: f"method.options.{name}" for name in OPTIONS} | {name: f"method.options.declared.{name}" for name in DECLARED}
     for name, key in {**keys, "row": "row", "out": "out"}.items():
         if (value := getattr(wanted, name)) is not None:
             found[key] = written(value) if name in (*TEXTS, "row", "out") else value
-    return run.main([*(f"{key}={value}" for key, value in found.items()), *(text for text in wanted.given if "=" in text)])
+    return run.main([scene_setting(wanted.scene, settings), *(f"{key}={value}" for key, value in found.items()), *settings])

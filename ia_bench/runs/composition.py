@@ -87,6 +87,17 @@ def setting(key: str, value: Any) -> str:  # noqa: ANN401 (of a setting)
     return f"{key}={value}" if isinstance(value, str | Path) and PLAIN.fullmatch(str(value)) else f"{key}={written(value)}"
 
 
+def scene_setting(text: str, others: Sequence[str]) -> str:
+    """``scene=NAME`` or ``scene.path=FOLDER`` for what a command takes as either, beside ``others``, its settings.
+
+    A text with a ``/``, or that begins with a dot, is a folder; so is any that is there, but for the name of a shipped scene where
+    no reader is set.
+    """
+    named = (conf_folder() / "scene" / f"{text}.yaml").is_file() and not any(one.startswith("reader=") for one in others)
+    folder = "/" in text or text.startswith(".") or (Path(text).is_dir() and not named)
+    return setting("scene.path" if folder else "scene", text)
+
+
 def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
     """The resolved configuration of ``ia-bench run <overrides>``. Raises InputError for what it cannot mean.
 

@@ -17,7 +17,7 @@ from ia_bench.readers.writers.formats import FORMATS, exposed, exposure
 from ia_bench.readers.writers.frames import write_blender, write_native
 from ia_bench.readers.writers.parts import mixed
 from ia_bench.render.agreement import GOOD, check_agreement
-from ia_bench.runs.composition import compose
+from ia_bench.runs.composition import compose, scene_setting
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import rgbe
 from ia_bench.scenes.scene import Scene, View
@@ -56,6 +56,22 @@ def test_a_capture_without_a_mesh_is_written_without_one(tiny: Scene, capsys: py
         assert main(["export", theirs, out, "--format", "neilf", "reader=nerfstudio"]) == 2
         assert says in capsys.readouterr().err.splitlines()[-1]
     assert sorted(path.name for path in Path().iterdir()) == ["out", theirs]
+
+
+@pytest.mark.parametrize(
+    ("text", "others", "key"),
+    [
+        ("tiny", [], "scene"),
+        ("./tiny", [], "scene.path"),
+        ("tiny", ["reader=nerfstudio"], "scene.path"),
+        ("mug", [], "scene.path"),
+        ("gone", [], "scene"),
+    ],
+)
+def test_a_shipped_scene_is_meant_where_a_folder_is_called_so(text: str, others: list[str], key: str) -> None:
+    for name in ("tiny", "mug"):
+        Path(name).mkdir()
+    assert scene_setting(text, others) == f"{key}={text}"
 
 
 def test_photographs_for_a_network_are_written_again_by_the_command_beside_them() -> None:
