@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import binary_erosion, gaussian_filter
 
 from ia_bench.checks.finding import Finding, judge
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.consistency import outline
+from ia_bench.geometry.consistency import nearest_to_rays, outline
 from ia_bench.geometry.hull import outline_distance, visual_hull
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.images import straight
@@ -77,13 +77,18 @@ def disagreement(views: Sequence[View]) -> np.ndarray:
     """How far the outline of each view lies outside of a hull of all masks that no single one decides, (V,) pixels; below 0 inside.
 
     In the mean of absolute distances, with the sign of most. Where a mask lacks a part of the object its outline runs inside of
-    that hull, and where it has too much outside. Raises InputError where there is no hull.
+    that hull, and where it has too much outside. A mask without an outline fills the picture, whose edge then is none only where
+    the hull covers it. Raises InputError where there is no hull.
     """
     grid = visual_hull(views, CELLS, 1 if len(views) < MANY else 2)
     outlines = [outline(view, grid).apart for view in views]
     common = np.median(np.concatenate(outlines))  # such a hull is larger than the object
     found = []
-    for apart in outlines:
+    for view, apart in zip(views, outlines, strict=True):
+        if not len(apart):
+            edge = ~binary_erosion(np.ones(view.mask.shape, bool)) & (view.mask > 0.5)
+            rows, columns = np.nonzero(edge)
+            apart = nearest_to_rays(view.camera, rows, columns, grid)[1].clip(min=common)
         side = 1 if len(apart) == 0 or np.median(apart) > common else -1
         found.append(side * float(np.abs(apart - common).mean()) if len(apart) else 0.0)
     return np.array(found)
