@@ -20,7 +20,7 @@ from ia_bench.scenes.photograph import read_photograph
 @exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    about = __doc__.partition("\n")[0]
+    about = __doc__.partition("\n")[0].partition(": ")[2]
     parser = argparse.ArgumentParser(prog="ia-bench decompose", description=about, allow_abbrev=False)
     parser.add_argument("images", nargs="+", type=Path, metavar="IMAGE", help="PNG, JPEG, TIFF, ... (sRGB) or OpenEXR (linear)")
     parser.add_argument("--mask", type=Path, help="picture that is white on the object; else the image's alpha, else all of it")

@@ -30,7 +30,7 @@ NOTES = 5  # so many of a report's notes are printed as well
 @exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    parser = argparse.ArgumentParser(prog="ia-bench report", description=__doc__, allow_abbrev=False)
+    parser = argparse.ArgumentParser(prog="ia-bench report", description=__doc__.partition(": ")[2], allow_abbrev=False)
     what = "folders that are searched for run folders, or a former report's runs.csv"
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help=what)
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="folder to write into (default: RUNS-report, beside RUNS)")

@@ -21,7 +21,7 @@ from ia_bench.scores.protocol import Protocol
 @exits
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 1 if a run could not be scored, each of which is named."""
-    parser = argparse.ArgumentParser(prog="ia-bench rescore", description=__doc__, allow_abbrev=False)
+    parser = argparse.ArgumentParser(prog="ia-bench rescore", description=__doc__.partition(": ")[2], allow_abbrev=False)
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help="folders that are searched for finished runs")
     parser.add_argument("--out", type=Path, required=True, help="folder of the new run folders; what is in it already is kept")
     parser.add_argument("--protocol", default=Protocol.name, help="a protocol of conf/protocol (default: %(default)s)")
