@@ -25,8 +25,8 @@ CONFIDENCE = 0.95
 ENOUGH_SIGNS = 8
 """From so many scenes on a sign test is printed: of fewer, it decides nothing or nearly so."""
 INTERVALS = """\
-± are 95 % intervals, "over seeds / over scenes": how far other seeds on the same scenes would move the mean, and how far other
-scenes of this kind would. A difference has a third, "/ new scene": where that of one more scene would lie. – where nothing was
+± are 95 % intervals, “over seeds / over scenes”: how far other seeds on the same scenes would move the mean, and how far other
+scenes of this kind would. A difference has a third, “/ new scene”: where that of one more scene would lie. – where nothing was
 repeated."""
 """The one convention of all tables; the same words stand in report.md, in table.tex and on the page."""
 HOW_DECIDED = """\

@@ -237,6 +237,7 @@ def test_each_reason_of_a_null_is_one_footnote_wherever_it_holds(write_run: Writ
     latex = (tmp_path / "out" / "table.tex").read_text()
     assert "ours & --$^{1}$ &" in latex
     assert "$^{2}$ the method cannot predict it." in latex
+    assert '"' not in latex, "which LaTeX prints as a closing quotation mark"
     (told,) = {line["reason"] for line in lines_of(tmp_path / "out" / "runs.csv", "scene").values() if line["scene"] == "hat"}
     assert told.startswith("albedo.psnr: the scene has no such truth; aligned_albedo.psnr, view_synthesis.psnr, ")
 
