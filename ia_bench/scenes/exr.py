@@ -40,7 +40,8 @@ def read_exr(path: Path, channels: int | None, *, grey: bool = False) -> np.ndar
     if not is_file(path):
         raise InputError(f"{shown(path)}: no such image")
     if path.suffix.lower() != ".exr":
-        raise InputError(f"{path}: expected a linear OpenEXR image, got a {path.suffix or 'suffixless'} file (LDR is not linear)")
+        kind = path.suffix or "suffixless"
+        raise InputError(f"{path}: expected linear values in OpenEXR (.exr; of a light also Radiance, .hdr), found a {kind} file")
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
             stored, window = (np.array(file.header()[key], int) for key in ("dataWindow", "displayWindow"))
