@@ -10,7 +10,7 @@ Use it as::
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -47,10 +47,10 @@ class Decomposition:
     component ("albedo" in [0, 1], "specular" in the radiance of the image). ``network_calls``: evaluations it took.
     """
 
-    image: np.ndarray
-    mask: np.ndarray
-    mean: dict[str, np.ndarray]
-    spread: dict[str, np.ndarray]
+    image: np.ndarray = field(repr=False)
+    mask: np.ndarray = field(repr=False)
+    mean: dict[str, np.ndarray] = field(repr=False)
+    spread: dict[str, np.ndarray] = field(repr=False)
     samples: int
     network_calls: int
 
