@@ -299,7 +299,7 @@ def test_the_light_stands_in_the_main_table_and_every_new_group_in_one_of_its_ow
 def test_a_scene_that_was_not_run_is_not_one_where_every_run_failed() -> None:
     runs = as_table([scored("ours", "hat", 0, None, problem="no")])
     hat, ship = analyse(Collection(runs), Table(scenes=["hat", "ship"])).blocks
-    assert (left_out(hat)[0], left_out(ship)[0]) == ("Albedo PSNR ↑: every run failed", "Albedo PSNR ↑: no run is here")
+    assert [left_out(block)[0].rpartition(": ")[2] for block in (hat, ship)] == ["every run failed", "no run is here"]
 
 
 def test_runs_that_were_made_alike_are_compared_by_their_seconds_too() -> None:

@@ -34,8 +34,8 @@ class Refine(Regulariser):
         roughness: How much of the change of the roughness, from a prior that corrects it.
     """
 
-    albedo: UnitInterval = 0.5  # both chosen on development scenes (docs/log/supervision.md)
-    roughness: UnitInterval = 0.5
+    albedo: UnitInterval = 0.5  # both chosen on development scenes (docs/log/parsimony.md, supervision.md)
+    roughness: UnitInterval = 0.25
 
     def prepare(self, problem: Problem) -> None:
         """The prior must be one that can correct."""
