@@ -171,7 +171,8 @@ class Bundle:
         files = {f"{name}.webp": sheet for name, sheet in self.sheets.items()} | {"about.json": compact_json(about).encode()}
         with zipfile.ZipFile(buffer, "w") as archive:
             for name, content in files.items():
-                archive.writestr(zipfile.ZipInfo(name, EPOCH), content)
+                packed = zipfile.ZIP_DEFLATED if name.endswith(".json") else zipfile.ZIP_STORED  # pictures are packed already
+                archive.writestr(zipfile.ZipInfo(name, EPOCH), content, compress_type=packed)
         return buffer.getvalue()
 
 
