@@ -61,12 +61,14 @@ class TruthOfAFit:
         plan = make_plan(scene.blind(), stage, settings)
         renderer = TorchRenderer(stage.renderer(shadows=plan.shadows, bounces=plan.bounces, coat=settings.coat))
         gbuffer = stage.gbuffer([view.camera for view in scene.train], plan.subsamples)
-        textures = (None if part is None else _resized(part, plan.texture) for part in vars(true_material(truth)).values())
+        true = true_material(truth)
+        albedo, roughness = (_resized(part, plan.texture) for part in (true.albedo, true.roughness))
+        material = Material(albedo, roughness, None if true.metallic is None else _resized(true.metallic, plan.texture))
         radiance = LatLongEnvironment(torch.from_numpy(truth.lights["train"])).latlong(plan.light_height)
         floor = FLOOR * float(radiance.mean())
         floored = int((radiance < floor).any(-1).sum())
         log_light = torch.log(radiance.clamp_min(floor))
-        return cls(scene, renderer, gbuffer, Material(*textures), log_light, samples or plan.samples, floored)
+        return cls(scene, renderer, gbuffer, material, log_light, samples or plan.samples, floored)
 
     def pixels(self, count: int) -> Tensor:
         """A fixed random choice of G-buffer entries, (min(count, P),)."""

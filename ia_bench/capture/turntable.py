@@ -30,8 +30,8 @@ OR_ELSE = "capture.turntable_axis=[x,y,z] gives an axis, and capture.light=camer
 def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callable[[str], None]) -> TurningLight:
     """How the light of ``settings``, which does not stand still, turns with the cameras of the training views.
 
-    Raises InputError for views that are not on circles around one axis, or a few after each other, if none is given; for a camera
-    on the axis; and for an axis of zeros.
+    Raises InputError, if no axis is given, for views in fewer than ENOUGH places or on no circles around one axis, or around one
+    after another where the object was laid down anew; for a camera on the axis; and for an axis of zeros.
     """
     poses = np.stack([view.camera.to_world for view in views])
     start: tuple[tuple[float, float, float, float], ...] = tuple(tuple(map(float, row)) for row in poses[0][:3])  # type: ignore[misc]

@@ -20,7 +20,7 @@ from ia_bench.checks.painted_ball import painted_ball, shown
 from ia_bench.common.errors import InputError
 from ia_bench.common.registry import process_state_kept
 from ia_bench.priors.contract import COMPONENTS, Observations, Prior, Samples
-from ia_bench.priors.validation import check_prior_info, checked
+from ia_bench.priors.validation import check_prior_info, checked, fingerprint_of
 
 ALBEDO_TOLERANCE = 1e-3  # beyond [0, 1]: half floats and antialiasing
 CEILING_TOLERANCE = 1e-3  # above a ceiling, relative to it
@@ -266,9 +266,8 @@ def _with_geometry(subject: Subject) -> Iterator[Finding]:
 
 def _kept(subject: Subject) -> Iterator[Finding]:
     """What has been so all the while: inputs as they were, costs counted, a fingerprint."""
-    if hasattr(subject.prior, "fingerprint"):
-        value = subject.prior.fingerprint
-        yield judge(isinstance(value, str) and bool(value), "fingerprint", "a text", f"{value!r:.300}")
+    if (value := fingerprint_of(subject.prior)) is not None:
+        yield judge(bool(value), "fingerprint", "a text", f"{value!r:.300}")
     yield judge(not subject.modified, "inputs", "nothing modified", ", ".join(sorted(subject.modified)))
     if subject.forwards:
         calls = subject.network_calls

@@ -77,8 +77,8 @@ def disagreement(views: Sequence[View]) -> np.ndarray:
     """How far the outline of each view lies outside of a hull of all masks that no single one decides, (V,) pixels; below 0 inside.
 
     In the mean of absolute distances, with the sign of most. Where a mask lacks a part of the object its outline runs inside of
-    that hull, and where it has too much outside. A mask without an outline fills the picture, whose edge then is none only where
-    the hull covers it. Raises InputError where there is no hull.
+    that hull, and where it has too much outside. Where a mask has no outline, the edge of what it fills counts, as far as it lies
+    outside of the hull. Raises InputError where there is no hull.
     """
     grid = visual_hull(views, CELLS, 1 if len(views) < MANY else 2)
     outlines = [outline(view, grid).apart for view in views]
@@ -86,10 +86,10 @@ def disagreement(views: Sequence[View]) -> np.ndarray:
     found = []
     for view, apart in zip(views, outlines, strict=True):
         if not len(apart):
-            edge = ~binary_erosion(np.ones(view.mask.shape, bool)) & (view.mask > 0.5)
-            rows, columns = np.nonzero(edge)
+            inside = view.mask > 0.5
+            rows, columns = np.nonzero(inside & ~binary_erosion(inside))
             apart = nearest_to_rays(view.camera, rows, columns, grid)[1].clip(min=common)
-        side = 1 if len(apart) == 0 or np.median(apart) > common else -1
+        side = -1 if len(apart) and np.median(apart) < common else 1
         found.append(side * float(np.abs(apart - common).mean()) if len(apart) else 0.0)
     return np.array(found)
 

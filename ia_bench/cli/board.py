@@ -72,11 +72,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 mark = ", verified" if count == len(runs) else ", not verified"
                 said.append(f"{count} of {len(runs)} runs scored again with the same result")
             declared = [record.declared for record in runs.values() if record.declared is not None]
-            told = (
-                "seconds as they declare them" if any(one.get("seconds") is not None for one in declared) else "no seconds declared"
-            )
+            told = "seconds as they declare them" if any(one.seconds is not None for one in declared) else "no seconds declared"
             said.append(told if declared else "seconds as measured by the runs")
-            label = labels[f"{row} ({manifest.authors})"] = f"{row} ({manifest.authors}{mark})"
+            label = f"{row} ({manifest.authors}{mark})"
+            labels.setdefault(f"{row} ({manifest.authors})", label)  # the first that is brought, where two are called so
             notes.setdefault(label, {})["; ".join([*said, *filter(None, [manifest.note])])] = None
             cells |= {place / folder: (label, record.scene, record.seed) for folder, record in runs.items()}
     if not cells:

@@ -98,7 +98,7 @@ def finish(report: Report, out: Path, name: str) -> Path:
     lines = [
         *findings.warnings,
         *findings.notes[:NOTES],
-        *([f"report.md has {len(findings.notes) - NOTES} more notes."] if len(findings.notes) > NOTES else []),
+        *([f"report.md has more notes: {len(findings.notes)} in all."] if len(findings.notes) > NOTES else []),
         f"Protocol {findings.protocol}, mean over scenes. {findings.made_alike}\n",
         *([OUR_TABLE.replace("\n", " "), ""] if findings.counterparts else []),
         pipe_table(main_table),

@@ -7,6 +7,8 @@ from typing import Annotated
 
 from pydantic import Field
 
+from ia_bench.common.settings import STRICT
+
 
 @dataclass(frozen=True)
 class Declared:
@@ -18,6 +20,8 @@ class Declared:
         hardware: On what machine.
         seconds: How long that took, without scoring; None where nobody says.
     """
+
+    __pydantic_config__ = STRICT
 
     authors: str = ""
     code: str = ""

@@ -232,6 +232,7 @@ def _names(known: Any, place: Sequence[str]) -> list[str]:  # noqa: ANN401 (a cl
     for part in place:
         if dataclasses.is_dataclass(known):
             known = get_type_hints(known)[part]
+            known = next((one for one in get_args(known) if dataclasses.is_dataclass(one)), known)  # of one that may be None
         elif get_origin(known) in (list, tuple):
             known, *_ = get_args(known)
     return [field.name for field in dataclasses.fields(known)] if dataclasses.is_dataclass(known) else list(known)

@@ -61,7 +61,8 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
             loaded: Any = trimesh.load(source, file_type=kind, **options)
             # Of split vertices trimesh keeps no normals, or those of others where there are as many.
             if options["fix_texture"] and hasattr(loaded, "faces"):
-                whole: Any = trimesh.load(path, file_type=kind, **options | {"fix_texture": False})
+                again = path if content is None else io.BytesIO(content)
+                whole: Any = trimesh.load(again, file_type=kind, **options | {"fix_texture": False})
                 if (stored := stored_normals(whole)) is not None:
                     normals = np.zeros(loaded.vertices.shape)
                     normals[loaded.faces] = stored[whole.faces]

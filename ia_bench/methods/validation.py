@@ -85,11 +85,12 @@ def checked_part(kind: Kind, name: str, found: Any) -> Any:  # noqa: ANN401 (wha
     _expect(isinstance(found, expected), f"{kind} {name}", f"a {expected.__module__}.{expected.__name__}", found)
     if _built_in(found):
         return found
-    checked = Checked(kind, name, found, answers)
-    for attribute in answers:
+    for attribute, check in answers.items():
         if not callable(getattr(expected, attribute)):  # a value, which is checked at once; an answer is as it is given
-            getattr(checked, attribute)
-    return checked
+            with at_work(kind, name):
+                value = getattr(found, attribute)
+            check(f"{kind} {name}: {attribute}", value)
+    return Checked(kind, name, found, answers)
 
 
 class Checked:
@@ -188,7 +189,7 @@ def _losses(who: str, losses: Any, *_: object) -> dict[str, Tensor]:  # noqa: AN
 
 
 def _state(who: str, state: Any) -> dict[str, Tensor]:  # noqa: ANN401
-    if not isinstance(state, Mapping) or any(not isinstance(kept, Tensor) for kept in state.values()):
+    if not isinstance(state, Mapping) or not all(isinstance(key, str) and isinstance(kept, Tensor) for key, kept in state.items()):
         raise PluginError(f"{who}: expected a mapping of names to tensors, found {state!r:.100}")
     return dict(state)
 

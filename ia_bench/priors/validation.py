@@ -36,10 +36,19 @@ def check_prior_info(prior: Any) -> None:  # noqa: ANN401 (anything may claim to
 def fingerprint_of(prior: Any) -> str | None:  # noqa: ANN401 (anything may claim to be a prior)
     """The ``fingerprint`` of a prior, None of one that has none. Raises PluginError for one that cannot be asked or is no text."""
     with at_work("prior", name_of(prior)):
-        found = prior.fingerprint if "fingerprint" in dir(prior) else None  # hasattr() hides what an AttributeError says
+        told = "fingerprint" in dir(prior)  # whose AttributeError a default would hide
+        found = prior.fingerprint if told else getattr(prior, "fingerprint", None)
     if not isinstance(found, str | None):
         raise PluginError(f"prior {name_of(prior)}: fingerprint: expected a text, found {found!r:.100}")
     return found
+
+
+def refiner_of(prior: Prior) -> Refiner:
+    """The prior, as one that corrects fits. Raises InputError for one that cannot."""
+    if not isinstance(prior, Refiner):
+        found = f"found {name_of(prior)}, which has none"
+        raise InputError(f"fit.regularise: expected a prior with a method refine(observations, renders), {found}")
+    return prior
 
 
 def ask(prior: Prior, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:

@@ -224,10 +224,11 @@ def analyse(collection: Collection, table: Table | None = None, rows: Sequence[s
     runs = runs.sort_values(["row", "scene", "seed"], key=lambda one: one.map(places.get(one.name, int))).reset_index(drop=True)
     longer = [row for row in rows if table.compared and row.startswith(f"{table.compared}, ")]  # "none, hull": with its capture
     reference = table.compared if table.compared in rows else longer[0] if len(longer) == 1 else None
-    notes = _mixed_rows(runs)
-    for one in others.to_dict("records"):
-        notes.append(f"{name_of(one)}: left out, scored under {one['protocol']} and not {protocol} ({one['folder']})")
-    notes += [f"left out, no record of a run: {problem}" for problem in collection.unreadable]
+    notes = [
+        f"{name_of(one)}: left out, scored under {one['protocol']} and not {protocol} ({one['folder']})"
+        for one in others.to_dict("records")
+    ]
+    notes += [f"left out, no record of a run: {problem}" for problem in collection.unreadable] + _mixed_rows(runs)
     uncurved = runs[runs["curve_problem"].notna()].to_dict("records")
     notes += [f"{name_of(run)}: no curve: {run['curve_problem']}" for run in uncurved]
     return Findings(protocol, table, runs, rows, scenes, reference, counterparts(table.papers), tuple(notes))

@@ -31,11 +31,11 @@ repeated."""
 """The one convention of all tables; the same words stand in report.md, in table.tex and on the page."""
 HOW_DECIDED = """\
 Each p-value is that of the paired t-test over scenes (over seeds, where there is one scene). Decided is what survives Holm's
-correction at 5 % among {family}; "alone" is what would be decided only if it stood alone; all else is undecided."""
+correction at 5 % among {family}; “alone” is what would be decided only if it stood alone; all else is undecided."""
 HOW_JUDGED = f"""\
 A row is claimed to be above another one; the difference is positive where it is, seed by seed on the same scenes. {
     HOW_DECIDED.format(family="all metrics of all claims here")
-} Decided are "reproduced", where the row is above, and "not reproduced", where it is below. Carried by: the run without which the
+} Decided are “reproduced”, where the row is above, and “not reproduced”, where it is below. Carried by: the run without which the
 mean is zero or has the other sign; ‡ the same within a scene."""
 """What a reader has to know of the table of claims; the same words stand in report.md and on the page."""
 

@@ -91,9 +91,10 @@ def scene_setting(text: str, others: Sequence[str]) -> str:
     """``scene=NAME`` or ``scene.path=FOLDER`` for what a command takes as either, beside ``others``, its settings.
 
     A text with a ``/``, or that begins with a dot, is a folder; so is any that is there, but for the name of a shipped scene where
-    no reader is set.
+    no other reader than the native one is set.
     """
-    named = (conf_folder() / "scene" / f"{text}.yaml").is_file() and not any(one.startswith("reader=") for one in others)
+    reads = any(one.startswith("reader=") and one != "reader=native" for one in others)
+    named = (conf_folder() / "scene" / f"{text}.yaml").is_file() and not reads
     folder = "/" in text or text.startswith(".") or (Path(text).is_dir() and not named)
     return setting("scene.path" if folder else "scene", text)
 

@@ -14,6 +14,7 @@ from PIL import Image
 from spoils import Spoil, wrote
 
 from ia_bench.cli.main import main
+from ia_bench.common.declared import Declared
 from ia_bench.common.errors import InputError
 from ia_bench.priors.contract import Observations
 from ia_bench.priors.files import FilesPrior, write_photographs
@@ -242,7 +243,7 @@ def test_from_photographs_to_a_row_in_three_commands(
     assert main(["run", *short, "prior=none", "out=none"]) == 0
     records = [RunRecord.read(tmp_path / row) for row in ("files", "none")]
     files, none = (record.metrics for record in records)
-    assert records[0].declared == {"authors": "", "code": "a loop", "hardware": "", "seconds": 100 + row_seconds(records[0].time_s)}
+    assert records[0].declared == Declared(code="a loop", seconds=100 + row_seconds(records[0].time_s))
     assert records[1].declared is None
     assert files["albedo"]["psnr"] > none["albedo"]["psnr"] + 5
     (tmp_path / "out" / "albedo" / photos[3].name).unlink()

@@ -61,7 +61,7 @@ def test_a_score_that_is_undefined_or_unknown_says_why(write_run: Write) -> None
      ("metrics", {"albedo": {"psnr": None}}), ("time_s", {"stage1": "long"}), ("peak_memory_bytes", [1]),
      ("rays", 10**30), ("environment", "here"), ("protocol_description", "mine"), ("reasons", []),
      ("geometry", 3), ("geometry", {"depth": "far"}), ("config_hash", None), ("capture", "all"), ("row", ""), ("seed", True),
-     ("scene", None), ("declared", {"seconds": "long"})],
+     ("scene", None), ("declared", {"seconds": "long"}), ("declared", {"hours": 1})],
 )  # fmt: skip
 def test_a_broken_record_is_a_failure_of_its_cell_in_a_table(write_run: Write, tmp_path: Path, key: str, value: object) -> None:
     folder = write_run("ours", "hat")

@@ -61,6 +61,12 @@ def test_a_light_that_turns_is_told_of_a_method_that_does_not_turn_it_and_reache
         assert (problem.scene.turning, notes) == (turning.turning, expected)
 
 
+def test_a_coupling_is_told_of_a_method_that_asks_no_prior(tiny: Scene) -> None:
+    for coupling, told in (("targets", True), ("none", False)):
+        notes = handed(tiny, MethodInfo(uses_prior=False), "device=cpu", f"coupling={coupling}")[1]
+        assert notes == ["coupling=targets: method=two_stage has no use for any; it changes nothing"] * told
+
+
 @pytest.mark.parametrize(("overrides", "expected"), [
     (["device=cpu"], "cpu"), (["device=cuda"], "cuda"), (["device=cpu", "prior.options.device=cuda"], "cuda"),
 ])  # fmt: skip

@@ -10,11 +10,10 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.cache import Cache, content_key
-from ia_bench.common.errors import InputError
 from ia_bench.common.machine import instructions
 from ia_bench.methods.contract import PixelSamples, Problem
 from ia_bench.methods.photographs import count_views, restrict, stacked, view_geometry
-from ia_bench.priors.contract import Distiller, Observations, Prior, Refiner, Samples
+from ia_bench.priors.contract import Distiller, Observations, Prior, Samples
 from ia_bench.priors.validation import (
     LARGEST,
     ask,
@@ -24,6 +23,7 @@ from ia_bench.priors.validation import (
     check_prior_info,
     fingerprint_of,
     name_of,
+    refiner_of,
 )
 
 GEOMETRY = ("normals", "visibility")
@@ -91,10 +91,7 @@ class PriorSampler:
 
     def refine(self, renders: Images) -> Samples:
         """What the prior makes of the fit's ``renders`` of the views asked. Raises InputError like :meth:`draw`."""
-        if not isinstance(self._prior, Refiner):
-            found = f"found {name_of(self._prior)}, which has none"
-            raise InputError(f"fit.regularise: expected a prior with a method refine(observations, renders), {found}")
-        return self._accounted(ask_to_refine(self._prior, self._observations(self._problem.asked_views), renders))
+        return self._accounted(ask_to_refine(refiner_of(self._prior), self._observations(self._problem.asked_views), renders))
 
     def _accounted(self, samples: Samples) -> Samples:
         for name, count in samples.cost.items():

@@ -35,8 +35,8 @@ PLACES = 2**18
 """At most, drawn among all: large photographs show each texel in many pixels."""
 BATCH = 256
 """Places whose partners are weighed together: their weights stay in a cache of the processor."""
-FAINT = -63.0
-"""Logarithm to base 2 of the least weight; that of a float that processors are slow at is below its square."""
+FAINT = -60.0
+"""Logarithm to base 2 of the least weight: its square times a roughness is still a float that processors are fast at."""
 
 
 @dataclass(eq=False)

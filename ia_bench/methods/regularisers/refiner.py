@@ -8,15 +8,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import UnitInterval
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import FitState, Problem, Regulariser
 from ia_bench.methods.photographs import as_photographed, restrict
 from ia_bench.methods.regularisers.fusion import Fusion
-from ia_bench.priors import validation
-from ia_bench.priors.contract import Refiner
+from ia_bench.priors.validation import refiner_of
 from ia_bench.render.renderer import texture_images
 
 DARK = 0.02
@@ -39,11 +37,7 @@ class Refine(Regulariser):
 
     def prepare(self, problem: Problem) -> None:
         """The prior must be one that can correct."""
-        if not isinstance(problem.prior, Refiner):
-            raise InputError(
-                f"fit.regularise: refiner: expected a prior with a method refine(observations, renders), "
-                f"found {validation.name_of(problem.prior)}, which has none"
-            )
+        refiner_of(problem.prior)
 
     def apply(self, material: Material, state: FitState) -> Material:
         """See the class."""

@@ -124,5 +124,5 @@ def test_a_fit_is_shown_in_the_views_that_are_asked_about(problem: Problem, scen
 
 
 def test_a_prior_that_cannot_is_refused(problem: Problem) -> None:
-    with pytest.raises(InputError, match=r"fit\.regularise: refiner: expected a prior with a method refine.*found NoPrior"):
+    with pytest.raises(InputError, match=r"fit\.regularise: expected a prior with a method refine.*found NoPrior"):
         refined(problem, NoPrior(), 0.5)
