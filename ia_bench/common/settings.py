@@ -231,10 +231,8 @@ def _names(known: Any, place: Sequence[str]) -> list[str]:  # noqa: ANN401 (a cl
     """The fields of the dataclass at a place inside ``known``."""
     for part in place:
         if dataclasses.is_dataclass(known):
-            known = get_type_hints(known)[part]
-            known = next((one for one in get_args(known) if dataclasses.is_dataclass(one)), known)  # of one that may be None
-        elif get_origin(known) in (list, tuple):
-            known, *_ = get_args(known)
+            known = get_type_hints(known).get(part, known)  # a number in a list is the name of no field
+            known = next((one for one in get_args(known) if dataclasses.is_dataclass(one)), known)  # of a list or an Optional
     return [field.name for field in dataclasses.fields(known)] if dataclasses.is_dataclass(known) else list(known)
 
 
