@@ -22,7 +22,7 @@ from ia_bench_training.world.held_out import SEED, HeldOutRequest, make_held_out
 from ia_bench_training.world.images import Mixture, WorldImages
 from ia_bench_training.world.layout import DIRECTIONS, LOBES, directions, filtered
 from ia_bench_training.world.make import WorldRequest, _meshes, _trace, make_world
-from ia_bench_training.world.shade import Shader
+from ia_bench_training.world.shade import Dice, Shader
 from ia_bench_training.world.travel import TravelRequest, reduce
 
 ROOT = Path(__file__).parents[2]
@@ -83,6 +83,13 @@ def test_a_filtered_light_keeps_its_mean_and_gets_smoother():
     means = (maps * area).sum((-2, -1)).mean(0) / (4 * np.pi)
     torch.testing.assert_close(means, torch.ones(len(LOBES)), rtol=0.1, atol=0)
     assert maps.flatten(2).std(-1).mean(0).diff().max() < 0
+
+
+def test_whole_numbers_stay_below_their_end(monkeypatch):
+    """The largest number that torch draws, added to a bank's many real textures, is rounded up to the end of the bank."""
+    monkeypatch.setattr(torch, "rand", lambda *shape, **at: torch.full(shape, 1 - 2.0**-24))
+    for low, high in ((0, 600), (1576, 2176), (120, 270)):
+        assert Dice(torch.Generator()).integers(low, high, 3).tolist() == [high - 1] * 3
 
 
 def test_images_are_what_they_say(world):

@@ -44,9 +44,10 @@ class Dice:
         """True with this probability."""
         return torch.rand(*shape, **self._at) < share
 
-    def integers(self, low: Tensor | int, high: Tensor | int, *shape: int) -> Tensor:
+    def integers(self, low: int, high: int, *shape: int) -> Tensor:
         """Whole numbers, ``low`` <= n < ``high``."""
-        return (low + (high - low) * torch.rand(*shape, **self._at)).long()
+        drawn = (low + (high - low) * torch.rand(*shape, **self._at)).long()
+        return drawn.clamp(max=high - 1)  # of 2^24 sums some three are rounded up to ``high``
 
     def weighted(self, chances: Tensor, count: int) -> Tensor:
         """``count`` numbers below len(chances)."""
