@@ -20,7 +20,7 @@ from ia_bench_training.shards import ShardInfo, shard_path, write_shard
 from ia_bench_training.world import banks
 from ia_bench_training.world.held_out import SEED, HeldOutRequest, make_held_out
 from ia_bench_training.world.images import Mixture, WorldImages
-from ia_bench_training.world.layout import DIRECTIONS, LOBES, directions, filtered
+from ia_bench_training.world.layout import DIRECTIONS, LOBES, WORLD, directions, filtered
 from ia_bench_training.world.make import WorldRequest, _meshes, _trace, make_world
 from ia_bench_training.world.shade import Dice, Shader
 from ia_bench_training.world.travel import TravelRequest, reduce
@@ -120,6 +120,9 @@ def test_a_world_that_travels_shows_the_same_views(world, tmp_path):
     assert torch.equal(here["normal"], there["normal"])
     for name in ("albedo", "image", "roughness"):
         assert (here[name] - there[name]).abs().mean() < 0.02, name
+    for start, out, found in ((tmp_path, tmp_path / "on", "found one that has travelled"), (world, world, "found the same")):
+        with pytest.raises(InputError, match=found):
+            reduce(TravelRequest(start, out))
 
 
 def test_a_network_trains_on_a_world_and_goes_on(world, folders, tmp_path):  # noqa: F811
@@ -141,6 +144,9 @@ def test_a_world_is_not_changed_under_a_training(world, tmp_path):
         with pytest.raises(InputError, match="expected the views of objects=2, found more; give another out= folder"):
             make_world(request(world), progress)
         beyond.unlink()
+        (tmp_path / WORLD).write_text((world / WORLD).read_text()[:9])  # of a copy that broke off
+        with pytest.raises(InputError, match=r"world\.json: not valid JSON"):
+            make_world(request(tmp_path), progress)
     with pytest.raises(InputError, match=r"world\.make makes them"):
         WorldImages(tmp_path, Mixture())
     with pytest.raises(InputError, match="expected the folder of `make real-data`"):

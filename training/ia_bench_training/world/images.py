@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json
 from ia_bench.common.ranges import UnitInterval
 from ia_bench.priors.diffusion.network import NetworkConfig
 from ia_bench_training.dataset import CPU, Augmentation, Batch, augment, encode
@@ -47,7 +47,7 @@ class WorldImages:
         """Load what there is of a world so far. Raises InputError where there is none."""
         if not (folder / WORLD).is_file() or not (folder / BANKS).is_file():
             raise InputError(f"{folder}: expected {WORLD} and {BANKS} (python -m ia_bench_training.world.make makes them)")
-        described = json.loads((folder / WORLD).read_text())
+        described = read_json(folder / WORLD)
         self.folder, self.size, self.seeds = folder, int(described["size"]), frozenset({int(described["seed"])})
         self.device, self.mixture = device, mixture
         kinds = [sorted(folder.glob(f"views_{kind}_*.safetensors")) for kind in KINDS]

@@ -20,6 +20,7 @@ from ia_bench.common.arguments import read_arguments
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, command
+from ia_bench.common.files import read_json
 from ia_bench.common.machine import settle_libraries
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
@@ -73,9 +74,10 @@ def make_world(request: WorldRequest, progress: Progress) -> None:
     meshes = _meshes(request.real)
     described = {"size": request.size, "seed": request.seed, "views": request.views, "meshes": [path.stem for path in meshes]}
     place = request.out / WORLD
-    if place.is_file() and json.loads(place.read_text()) != described:
+    if place.exists() and read_json(place) != described:
         raise InputError(f"{place}: expected the same size, seed, views and real meshes, found others; give another out= folder")
-    place.write_text(json.dumps(described))
+    with whole_file(place) as partial:
+        partial.write_text(json.dumps(described))
     _refuse_others(request)
     if not (request.out / BANKS).is_file():
         _save(request.out / BANKS, _banks(request, meshes, progress))

@@ -13,7 +13,9 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from ia_bench.common.arguments import read_arguments
+from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, command
+from ia_bench.common.files import read_json
 from ia_bench.common.paths import make_writable
 from ia_bench.common.ranges import Number
 from ia_bench_training.world.layout import ATLAS, ATLAS_LEVELS, BANKS, KINDS, LEVELS, TILE, WORLD
@@ -38,12 +40,19 @@ class TravelRequest:
 
 
 def reduce(request: TravelRequest) -> None:
-    """Write the smaller world."""
+    """Write the smaller world. Raises InputError for one that is as small already, and where it would replace the other."""
+    described = read_json(request.world / WORLD)
+    if "halved" in described:
+        raise InputError(
+            f"{request.world}: expected a world of python -m ia_bench_training.world.make, found one that has travelled"
+        )
+    if request.out.resolve() == request.world.resolve():
+        raise InputError(f"out: expected another folder than world={request.world}, found the same")
     make_writable(request.out, "out")
     for kind in KINDS:
         for path in sorted(request.world.glob(f"views_{kind}_*.safetensors"))[: request.files]:
             (request.out / path.name).write_bytes(path.read_bytes())
-    described, bank = json.loads((request.world / WORLD).read_text()), load_file(request.world / BANKS)
+    bank = load_file(request.world / BANKS)
     real, photographed = bank["real"].tolist()
     kept = torch.cat([torch.arange(0, real, request.every), torch.arange(real, len(bank["tiles.mean"]), request.every)])
     bank["tiles.flat"] = _halved(bank["tiles.flat"], len(bank["tiles.mean"]), TILE, LEVELS, kept)
