@@ -17,7 +17,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench_training.settings import TrainSettings
 from ia_bench_training.shards import ShardInfo, shard_path, write_shard
-from ia_bench_training.world import banks
+from ia_bench_training.world import banks, held_out
 from ia_bench_training.world.held_out import SEED, HeldOutRequest, make_held_out
 from ia_bench_training.world.images import Mixture, WorldImages
 from ia_bench_training.world.layout import DIRECTIONS, LOBES, WORLD, directions, filtered
@@ -164,6 +164,19 @@ def test_held_out_images_of_another_size_are_refused(tmp_path):
     make_held_out(HeldOutRequest(tmp_path, size=SIZE), Progress())
     with pytest.raises(InputError, match="expected images of size=64, found 16; give another out= folder"):
         make_held_out(HeldOutRequest(tmp_path), Progress())
+
+
+def test_held_out_objects_that_are_absent_are_not_left_out(tmp_path, monkeypatch):
+    real = tmp_path / "real"
+    monkeypatch.setattr(held_out, "read_light", lambda path: np.ones((2, 4, 3)))
+    names = ["lights/a.hdr", "objects/b/c.glb"]
+    monkeypatch.setattr(held_out, "closed_set", lambda name: names)
+    for name, expected in zip([*names, ""], [*names, "textures do not repeat, found none"], strict=True):
+        with pytest.raises(InputError, match=expected):
+            make_held_out(HeldOutRequest(tmp_path, real), Progress())
+        if name:
+            (real / name).parent.mkdir(parents=True)
+            (real / name).write_bytes(b"none")
 
 
 def test_training_needs_no_renderer():

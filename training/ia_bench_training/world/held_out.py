@@ -88,13 +88,16 @@ def photograph(asset: Assets, light: np.ndarray, rng: np.random.Generator, size:
 
 
 def make_held_out(request: HeldOutRequest, progress: Progress) -> None:
-    """Photograph what is held out. Raises InputError where that is there in another size."""
+    """Photograph what is held out. Raises InputError where that is there in another size, and where a file of it is absent."""
     make_writable(request.out, "out")
     if (path := shard_path(request.out, 0)).is_file():
         if (found := read_info(path).size) != request.size:
             raise InputError(f"{path}: expected images of size={request.size}, found {found}; give another out= folder")
         return
     names = closed_set("held_out")
+    for name in names:
+        if not (request.real / name).is_file():
+            raise InputError(f"{request.real / name}: expected a file of `make real-data`, found none")
     lights = [_halved(read_light(request.real / name)) for name in names if name.startswith("lights/")]
     objects, images = [name for name in names if name.startswith("objects/")], list[dict[str, Tensor]]()
     task = progress.task("held-out objects", len(objects))
@@ -102,10 +105,12 @@ def make_held_out(request: HeldOutRequest, progress: Progress) -> None:
         asset = load_mesh(request.real / name)
         if asset is None:
             progress.note(f"{name}: left out, for its textures repeat")
-            continue
-        for k, light in enumerate(lights):
-            images.append(photograph(asset, light, np.random.default_rng([SEED, number, k]), request.size, request.samples))
+        else:
+            for k, light in enumerate(lights):
+                images.append(photograph(asset, light, np.random.default_rng([SEED, number, k]), request.size, request.samples))
         task.advance()
+    if not images:
+        raise InputError(f"{request.real}: expected held-out objects whose textures do not repeat, found none")
     tensors = {name: torch.stack([image[name] for image in images]) for name in images[0]}
     write_shard(path, tensors, ShardInfo(seed=SEED, first=0, count=len(images), size=request.size))
 
