@@ -2,6 +2,7 @@
 
 import builtins
 import io
+import os
 import subprocess
 import sys
 import time
@@ -10,12 +11,13 @@ from pathlib import Path
 import pytest
 import torch
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.progress import Progress
 from ia_bench_training import data
 from ia_bench_training.data import ImageRequest, make_data
 from ia_bench_training.generate import render_images
 from ia_bench_training.palettes import MAX_ALBEDO, MIN_ALBEDO
+from ia_bench_training.pool import share_out
 from ia_bench_training.render import MAX_COVERAGE, MIN_COVERAGE
 from ia_bench_training.shading import DirectLight
 from ia_bench_training.shards import CHANNELS, ShardInfo, load_shard, shard_path, write_shard
@@ -75,6 +77,11 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(tmp_path):
         (a, first), (b, second) = load_shard(path), load_shard(killed / path.name)
         assert first == second
         assert all(torch.equal(a[name], b[name]) for name in CHANNELS)
+
+
+def test_a_worker_that_is_killed_is_one_sentence():
+    with pytest.raises(Fault, match=r"a worker process was killed, .* the same command goes on"):
+        list(share_out(os._exit, [(9,)], workers=1))
 
 
 SIDE = 24

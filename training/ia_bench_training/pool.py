@@ -7,15 +7,18 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
+from ia_bench.common.errors import Fault
 from ia_bench.common.machine import settle_libraries
 
 
 def share_out(work: Callable[..., None], jobs: Sequence[tuple[Any, ...]], *, workers: int) -> Iterator[int]:
     """Call ``work(*job)`` for every job in at most ``workers`` processes; yield the numbers of jobs as they are done.
 
-    ``work`` is a function of a module; what it raises is raised here, and the jobs that have not begun are given up.
+    ``work`` is a function of a module; what it raises is raised here, and the jobs that have not begun are given up. Raises
+    Fault where a process ended before its job did.
     """
     spawn = multiprocessing.get_context("spawn")  # a forked copy of torch's thread pools may hang
     pool = ProcessPoolExecutor(max(1, min(workers, len(jobs))), spawn, _begin)
@@ -24,6 +27,9 @@ def share_out(work: Callable[..., None], jobs: Sequence[tuple[Any, ...]], *, wor
         for done in as_completed(pending):
             done.result()
             yield pending[done]
+    except BrokenProcessPool:
+        killed = "a worker process was killed, as systems do where memory runs out"
+        raise Fault(f"{killed}; the same command goes on, with fewer workers= if it happens again") from None
     finally:
         pool.shutdown(cancel_futures=True)
 
