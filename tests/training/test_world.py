@@ -149,8 +149,11 @@ def test_a_world_is_not_changed_under_a_training(world, tmp_path):
             make_world(request(tmp_path), progress)
     with pytest.raises(InputError, match=r"world\.make makes them"):
         WorldImages(tmp_path, Mixture())
-    with pytest.raises(InputError, match="expected the folder of `make real-data`"):
-        _meshes(tmp_path)
+    for path in (tmp_path / "objects/mine/chair.glb", tmp_path / "objects/mine/table.glb"):  # without any, and with one of no list
+        with pytest.raises(InputError, match="expected the folder of `make real-data`"):
+            _meshes(tmp_path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"")
 
 
 def test_meshes_that_nothing_can_draw_leave_no_views(tmp_path):

@@ -107,10 +107,11 @@ def _refuse_others(request: WorldRequest) -> None:
 def _meshes(real: Path) -> list[Path]:
     if str(real) == "none":
         return []
-    found = sorted((real / "objects").glob("*/*.glb"))
+    found = open_files(sorted((real / "objects").glob("*/*.glb")))
     if not found:
-        raise InputError(f"{real}: expected the folder of `make real-data`, found none with objects/*/*.glb (or say real=none)")
-    return open_files(found)
+        expected = "expected the folder of `make real-data` (or real=none)"
+        raise InputError(f"{real}: {expected}, found no objects/*/*.glb that is open to training")
+    return found
 
 
 def _banks(request: WorldRequest, meshes: Sequence[Path], progress: Progress) -> dict[str, Tensor]:
