@@ -48,6 +48,7 @@ TEXTURE, TEXTURE_QUALITY = 256, 50  # texels along a side
 STEPS = {"vertices": 2**13, "normals": 2**7, "uv": 2**12}  # a unit is divided into that many: finer than a pixel of the viewer
 LIGHT_ROWS = 32
 PICTURES = "pictures.zip"
+ALL_BYTES = 256 << 20  # of them, unpacked: a thousand times as many as usual
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file within: the same run gives the same bytes
 COMPARED = {"albedo": "albedo", "aligned": "albedo", "roughness": "roughness", "view": "view", "relit": "relit"}
 """What is compared with the truth -> under which name the truth has it."""
@@ -243,6 +244,8 @@ def read_bundle(folder: Path) -> Bundle | None:
         return None
     try:
         with zipfile.ZipFile(path) as archive:
+            if (size := sum(one.file_size for one in archive.infolist())) > ALL_BYTES:
+                raise ValueError(f"{size >> 20} MB of pictures, more than {ALL_BYTES >> 20}")
             about = json.loads(archive.read("about.json"))
             if about.pop("version") != VERSION:
                 return None

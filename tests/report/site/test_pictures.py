@@ -294,16 +294,23 @@ def test_rows_of_one_slug_have_pictures_of_their_own(tmp_path: Path, perfect_run
     [
         ({"shapes": {"../../../evil.sh": [1, 1]}}, "shapes: expected words as names, found ../../../evil.sh"),
         ({"views": {}}, "views.test: expected a value, found None"),
+        ({"solid": " " * (3 << 20)}, "3 MB of pictures, more than 2"),
     ],
 )
 def test_pictures_of_somebody_else_are_written_nowhere_else_and_spoil_no_report(
-    changes: dict[str, object], says: str, tmp_path: Path, perfect_run: Path, keep_pictures: Callable[..., None]
+    changes: dict[str, object],
+    says: str,
+    tmp_path: Path,
+    perfect_run: Path,
+    keep_pictures: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(packing, "ALL_BYTES", 2 << 20)
     keep_pictures(perfect_run)
     own = packing.read_bundle(perfect_run)
     assert own is not None
     assert own.zipped() == (perfect_run / packing.PICTURES).read_bytes()
-    with zipfile.ZipFile(perfect_run / packing.PICTURES, "w") as archive:
+    with zipfile.ZipFile(perfect_run / packing.PICTURES, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("about.json", json.dumps({"version": packing.VERSION, **asdict(replace(own, sheets={})), **changes}))
         archive.writestr("../../../evil.sh.webp", b"echo evil")
     gallery = lay_out_pictures(runs_of((perfect_run, "theirs", 0)), tmp_path / "parts", print)
