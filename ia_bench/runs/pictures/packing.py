@@ -27,7 +27,7 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.render.asset_files import glb
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.packs import BROKEN
+from ia_bench.runs.packs import BROKEN, EPOCH
 from ia_bench.runs.pictures.drawing import TURNS, VERSION, Pictures, SceneRenderer
 from ia_bench.runs.pictures.preview import PREVIEW, preview
 from ia_bench.scenes.color import linear_to_srgb
@@ -49,7 +49,6 @@ STEPS = {"vertices": 2**13, "normals": 2**7, "uv": 2**12}  # a unit is divided i
 LIGHT_ROWS = 32
 PICTURES = "pictures.zip"
 ALL_BYTES = 256 << 20  # of them, unpacked: a thousand times as many as usual
-EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file within: the same run gives the same bytes
 COMPARED = {"albedo": "albedo", "aligned": "albedo", "roughness": "roughness", "view": "view", "relit": "relit"}
 """What is compared with the truth -> under which name the truth has it."""
 
