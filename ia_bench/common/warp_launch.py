@@ -66,9 +66,10 @@ def launch(
     share = max(LEAST_ITEMS // lanes, -(-count // (torch.get_num_threads() if device.type == "cpu" else 1)))
     starts = range(0, count, share)
     own = [[s if first == 0 or s is None else torch.zeros_like(s) for s in sums] for first in starts]
+    shared = _values(kernel, 1, arguments, device)  # once: threads that prepare the same would wait for each other
 
     def run(first: int, into: Sequence[Tensor | None]) -> None:
-        values = [first, *_values(kernel, [*arguments, *into], device)]
+        values = [first, *shared, *_values(kernel, 1 + len(arguments), into, device)]
         wp.launch(kernel, min(share, count - first), values, device=str(device))
 
     others = [_pool.submit(run, *given) for given in zip(starts[1:], own[1:], strict=True)]
@@ -82,10 +83,10 @@ def launch(
                 total += part
 
 
-def _values(kernel: wp.Kernel, arguments: Sequence[object], device: torch.device) -> list[Any]:
-    """The arguments as Warp takes them; None stands for an array of nothing."""
+def _values(kernel: wp.Kernel, place: int, arguments: Sequence[object], device: torch.device) -> list[Any]:
+    """The arguments from ``place`` on as Warp takes them; None stands for an array of nothing."""
     values = []
-    for value, argument in zip(arguments, kernel.adj.args[1:], strict=True):
+    for value, argument in zip(arguments, kernel.adj.args[place : place + len(arguments)], strict=True):
         if isinstance(value, Tensor):
             if value.device.type != device.type:  # Warp would follow an address that means nothing there
                 raise ValueError(f"{kernel.key}({argument.label}): expected a tensor on {device.type}, found one on {value.device}")
