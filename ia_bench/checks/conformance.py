@@ -19,7 +19,7 @@ from ia_bench.checks.finding import Finding, guarded, judge, other_chance, told
 from ia_bench.checks.painted_ball import painted_ball, shown
 from ia_bench.common.errors import InputError
 from ia_bench.common.registry import process_state_kept
-from ia_bench.priors.contract import COMPONENTS, Observations, Prior, Samples
+from ia_bench.priors.contract import COMPONENTS, Distiller, Observations, Prior, Refiner, Samples
 from ia_bench.priors.validation import check_prior_info, checked, fingerprint_of
 
 ALBEDO_TOLERANCE = 1e-3  # beyond [0, 1]: half floats and antialiasing
@@ -86,13 +86,14 @@ class Subject:
         counted = register_module_forward_pre_hook(lambda module, inputs: setattr(self, "forwards", self.forwards + 1))
         with counted, other_chance(self._asked):
             samples = call(seen, **given)
+        if isinstance(samples, Samples) and all(isinstance(part, Mapping) for part in vars(samples).values()):
+            calls = samples.cost.get("network_calls", 0)
+            self.network_calls += calls if isinstance(calls, int) else 0  # anything else is no sound sample
+            copies = {name: value.clone() if isinstance(value, Tensor) else value for name, value in samples.values.items()}
+            samples = replace(samples, values=copies)  # what it has handed out may be written to: by it, or as its inputs below
         self.modified |= {n for n, v in inputs.items() if not torch.equal(v.nan_to_num(), kept[n].nan_to_num())}
         for name, value in kept.items():  # so that one wrong write fails no later rule
             inputs[name].copy_(value)
-        if isinstance(samples, Samples) and isinstance(samples.values, Mapping):
-            self.network_calls += samples.cost.get("network_calls", 0)
-            copies = {name: value.clone() if isinstance(value, Tensor) else value for name, value in samples.values.items()}
-            samples = replace(samples, values=copies)  # because the prior may write to what it has handed out
         return samples
 
     @cached_property
@@ -104,11 +105,11 @@ class Subject:
 # ---- one sample ------------------------------------------------------------------------------------------------------
 
 
-def _sound(subject: Subject, samples: Samples, known: Observations) -> Iterator[Finding]:
-    """Whether ``samples`` may pass the border that they meet in a run, and hold what images can hold."""
+def _sound(subject: Subject, samples: Samples, known: Observations, method: str = "sample") -> Iterator[Finding]:
+    """Whether ``samples``, which a ``method`` gave, may pass the border that they meet in a run, and hold what images can."""
     expected = f"{', '.join(subject.components) or 'nothing'}: finite float32 tensors on the CPU, without gradient"
     try:
-        checked(type(subject.prior).__qualname__, "sample", samples, subject.info.provides, tuple(known.images.shape))
+        checked(type(subject.prior).__qualname__, method, samples, subject.info.provides, tuple(known.images.shape))
     except InputError as error:
         yield Finding("fail", "samples", expected, str(error))
         return
@@ -126,9 +127,9 @@ def _sound(subject: Subject, samples: Samples, known: Observations) -> Iterator[
             yield judge(share <= 1 + CEILING_TOLERANCE, f"{name}: ceiling", "no value above it", f"at most {share:.4g} of it")
 
 
-def _judge_sound(subject: Subject, what: str, samples: Samples, known: Observations) -> Finding:
+def _judge_sound(subject: Subject, what: str, samples: Samples, known: Observations, method: str = "sample") -> Finding:
     """One finding of everything that :func:`_sound` asks."""
-    wrong = [f"{one.what}: {one.found}" for one in _sound(subject, samples, known) if one.status == "fail"]
+    wrong = [f"{one.what}: {one.found}" for one in _sound(subject, samples, known, method) if one.status == "fail"]
     return judge(not wrong, what, "what a run accepts, in range, zero where the mask is", "; ".join(wrong))
 
 
@@ -220,18 +221,18 @@ def _guided(subject: Subject) -> Iterator[Finding]:
 
 
 def _distilled(subject: Subject) -> Iterator[Finding]:
-    if not hasattr(subject.prior, "distill"):
+    if not isinstance(subject.prior, Distiller):
         return
     given = {"renders": _fitted(subject.known, subject.components), "seed": 0}
     distilled = partial(subject.watched, subject.prior.distill, subject.known, GEOMETRY, **given)
-    finding = _judge_sound(subject, "distilled estimates", estimates := distilled(), subject.known)
+    finding = _judge_sound(subject, "distilled estimates", estimates := distilled(), subject.known, "distill")
     yield finding
     if finding.status == "pass":
         yield _same("distilled again", estimates, distilled())
 
 
 def _refined(subject: Subject) -> Iterator[Finding]:
-    if not hasattr(subject.prior, "refine"):
+    if not isinstance(subject.prior, Refiner):
         return
 
     def refined(known: Observations) -> Samples:

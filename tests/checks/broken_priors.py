@@ -166,6 +166,16 @@ def overwrite_renders(self: Offering, observations: Observations, renders: dict,
     return Samples({name: render.mul_(0.5) for name, render in renders.items()})
 
 
+def answering(**parts: Any) -> Callable[..., Samples]:
+    """A sample of which some ``parts`` are others."""
+    return lambda self, shown, *, seed, guidance=None: replace(Sound.sample(self, shown, seed=seed, guidance=guidance), **parts)
+
+
+def brightened(self: Sound, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
+    values = Sound.sample(self, observations, seed=seed, guidance=guidance).values
+    return Samples({**values, "albedo": observations.images.copy_(values["albedo"])})
+
+
 BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     # what is wrong: a prior that does it, the first line that must fail (later ones may follow from it)
     "no info": (without("info"), "construction"),
@@ -193,6 +203,9 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     "guided at strength 0": (when_guided(lambda s, out, g: s["albedo"].lerp_(g["albedo"], 0.5)), "guidance of strength 0"),
     "writes to images": (spoiled(lambda s, shown, *_: shown.images.mul_(0.5)), "inputs"),
     "writes to guidance": (when_guided(lambda s, out, g: g["albedo"].zero_()), "inputs"),
+    "no table of costs": (changed(sample=answering(cost=None)), "samples"),
+    "costs in words": (changed(sample=answering(cost={"network_calls": "three"})), "samples"),
+    "writes to images and returns them": (changed(sample=brightened), "inputs"),
     "network not counted": (edit(albedo=torch.nn.Identity()), "cost: network_calls"),
     "distill takes no seed": (offering(distill=lambda self, observations, renders: {}), "distillation"),
     "distills one component": (offering(distill=distill_as(lambda e: {"albedo": e["albedo"]})), "distilled estimates"),

@@ -15,7 +15,7 @@ from broken_priors import BROKEN, Offering, Remembering, Sound, changed, spoiled
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.painted_ball import painted_ball
 from ia_bench.cli.check import main
-from ia_bench.priors.contract import Observations
+from ia_bench.priors.contract import Observations, Samples
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +66,16 @@ def test_what_a_prior_raises_is_told_with_its_place_and_goes_no_further(
     monkeypatch.setenv("IA_BENCH_DEBUG", "1")
     list(check_prior(broken, ball))
     assert "in explode" in capsys.readouterr().err
+
+
+def test_the_method_that_answers_wrongly_is_named(ball: Observations) -> None:
+    broken = changed(distill=lambda self, observations, renders, *, seed: Samples({}))
+    (found,) = (finding.found for finding in check_prior(broken, ball) if finding.status == "fail")
+    assert found == "samples: prior Changed: distill(): values: expected albedo, specular, found nothing"
+
+
+def test_what_is_set_to_none_is_not_offered(ball: Observations) -> None:
+    assert {finding.status for finding in check_prior(changed(distill=None, refine=None), ball)} == {"pass"}
 
 
 def test_global_state_is_put_back(ball: Observations) -> None:
