@@ -19,6 +19,8 @@ from ia_bench.checks.finding import Finding, guarded, judge, other_chance, told
 from ia_bench.checks.painted_ball import painted_ball, shown
 from ia_bench.common.errors import InputError
 from ia_bench.common.registry import process_state_kept
+from ia_bench.methods.couplings.base import coupling_of
+from ia_bench.methods.info import AUTO
 from ia_bench.priors.contract import COMPONENTS, Distiller, Observations, Prior, Refiner, Samples
 from ia_bench.priors.validation import check_prior_info, checked, fingerprint_of
 
@@ -149,6 +151,21 @@ def _with_empty_view(known: Observations) -> Observations:
     return known.each(lambda tensor: torch.cat([0 * tensor[:1], tensor[1:]]))
 
 
+def _recommended(subject: Subject) -> Iterator[Finding]:
+    """Whether a run finds the coupling that the info recommends, and can use the prior by it."""
+    info = subject.info
+    if info.coupling is None:
+        return
+    expected = "one that a run finds; of one that asks again while it fits, a method distill"
+    try:
+        coupling = coupling_of(info, AUTO, None, {}, lambda _: None)
+    except InputError as error:
+        yield Finding("fail", "coupling", expected, str(error))
+        return
+    lacking = bool(coupling.period) and not isinstance(subject.prior, Distiller)
+    yield judge(not lacking, "coupling", expected, f"{info.coupling}{', and no distill' * lacking}")
+
+
 # ---- repeatability ---------------------------------------------------------------------------------------------------
 
 
@@ -277,6 +294,7 @@ def _kept(subject: Subject) -> Iterator[Finding]:
 
 RULES: dict[str, Callable[[Subject], Iterator[Finding]]] = {
     "a sample": lambda subject: _sound(subject, subject.base, subject.known),
+    "coupling": _recommended,
     "other images": _other_images,
     "seeds": _repeatable,
     "an image on its own": _independent,

@@ -110,9 +110,9 @@ def batch_of_one_nan(samples: dict, shown: Observations, *_: object) -> None:
 
 
 class Offering(Sound):
-    """Everything that a prior may offer besides: distillation, geometry, ceilings, a fingerprint."""
+    """Everything that a prior may offer besides: a coupling, distillation, geometry, ceilings, a fingerprint."""
 
-    info = replace(Sound.info, wants=frozenset({"visibility"}))
+    info = replace(Sound.info, wants=frozenset({"visibility"}), coupling="distilled")
     fingerprint = "offering, version 1"
     end = 10.0
 
@@ -186,6 +186,8 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     "albedo above 1": (put("albedo", 1.1), "albedo: range"),
     "negative light": (edit(specular=lambda s: -s), "specular: range"),
     "not premultiplied": (edit(specular=lambda s: s + 0.1), "specular: premultiplied"),
+    "recommends a misspelt coupling": (changed(info=replace(Sound.info, coupling="kernal")), "coupling"),
+    "recommends to distill what it cannot": (changed(info=replace(Sound.info, coupling="distilled")), "coupling"),
     "square images only": (spoiled(square_only), "other images"),
     "NaN in the dark": (spoiled(dark_nan), "all-black images"),
     "NaN for an empty mask": (spoiled(lonely_nan), "a view with an empty mask"),

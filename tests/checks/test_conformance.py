@@ -38,7 +38,7 @@ def test_what_is_offered_besides_is_checked(ball: Observations) -> None:
     assert {finding.status for finding in findings} == {"pass"}
     besides = [finding.what for finding in findings if finding.what not in {f.what for f in check_prior(Sound, ball)}]
     assert besides == [
-        "specular: ceiling", "distilled estimates", "distilled again", "a corrected fit", "corrected again",
+        "specular: ceiling", "coupling", "distilled estimates", "distilled again", "a corrected fit", "corrected again",
         "one corrected on its own", "a sample with geometry", "the same geometry again", "fingerprint",
     ]  # fmt: skip
     assert set(besides) == {expected for _, expected in BROKEN.values()} & set(besides)

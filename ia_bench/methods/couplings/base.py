@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common import registry
-from ia_bench.common.errors import PluginError
+from ia_bench.common.errors import PluginError, unknown
 from ia_bench.common.ranges import Weight
 from ia_bench.material.textures import fetch
 from ia_bench.methods.contract import Coupling, NoCoupling, PixelSamples, Problem, StepRender
@@ -38,8 +38,8 @@ def coupling_of(
     if name == AUTO:
         name, why = (info.coupling, "which the prior recommends") if info.coupling else (DEFAULT, "the default")
         target = None
-        if info.coupling and name not in {**registry.built_in("coupling"), **registry.installed("coupling")}:
-            raise PluginError(f"the prior recommends coupling {name!r}, expected the name of one that is installed, found none")
+        if info.coupling and name not in (known := {**registry.built_in("coupling"), **registry.installed("coupling")}):
+            raise PluginError(f"the prior recommends an {unknown('coupling', name, known)}")
     made = registry.create("coupling", name, target or registry.find("coupling", name).target, options)
     coupling: Coupling = checked_part("coupling", name, made)
     used = ", ".join(sorted(coupling.uses(info.provides))) or "nothing"

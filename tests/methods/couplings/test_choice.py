@@ -2,6 +2,7 @@
 
 import pytest
 
+from ia_bench.common.errors import PluginError
 from ia_bench.methods.couplings.base import NoCoupling, coupling_of
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.couplings.targets import Targets
@@ -39,3 +40,9 @@ def test_what_is_used_and_why_is_told(info: PriorInfo, name: str, kind: type, to
     notes: list[str] = []
     assert type(coupling_of(info, name, None, {}, notes.append)) is kind
     assert notes == told
+
+
+def test_a_recommendation_that_is_not_there_is_refused_with_the_names_that_are() -> None:
+    expected = "the prior recommends an unknown coupling 'kernal'; did you mean 'kernel'\\? There are: .*targets"
+    with pytest.raises(PluginError, match=expected):
+        coupling_of(PriorInfo(SAYS, coupling="kernal"), AUTO, None, {}, print)
