@@ -121,7 +121,8 @@ def checked(name: str, method: str, samples: Any, provides: frozenset[str] | Non
         if not bool((ceilings[component] > 0).all()):
             raise PluginError(f"{who}: ceiling of {component}: expected values > 0, found {float(ceilings[component].min()):g}")
     for what, count in samples.cost.items():
-        if not isinstance(what, str) or isinstance(count, bool) or not isinstance(count, int) or not 0 <= count < MOST:
+        named = isinstance(what, str) and what.isprintable()  # as every counter of a run is
+        if not named or isinstance(count, bool) or not isinstance(count, int) or not 0 <= count < MOST:
             raise PluginError(f"{who}: cost: expected names with whole numbers >= 0, found {what!r}: {count!r:.100}")
     return Samples(values, ceilings, dict(samples.cost))
 

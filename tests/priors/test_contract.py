@@ -130,6 +130,7 @@ WRONG: dict[str, tuple[Callable[[Observations], Any], str]] = {
     "a ceiling of what is not provided": (changed(ceilings={"roughness": torch.ones(3)}), "ceilings: .* found roughness"),
     "a ceiling that is a number": (changed(ceilings={"specular": 1.0}), "ceiling of specular: expected a tensor, found float"),
     "a ceiling of zero": (changed(ceilings={"specular": torch.zeros(3)}), "ceiling of specular: expected values > 0, found 0"),
+    "a cost with a line break in its name": (changed(cost={"a\n": 1}), r"cost: expected .*'a\\n': 1"),
     "a negative cost": (changed(cost={"network_calls": -1}), "cost: expected .*'network_calls': -1"),
 }
 
