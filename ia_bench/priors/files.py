@@ -195,14 +195,15 @@ class FilesPrior:
         return sorted({path for end in ends for path in self._folder.glob(end.replace("*", "**/*", 1)) if _is_picture(path)})
 
     def _of_view(self, stored: Stored, name: str) -> list[Path]:
-        """The pictures of a view, by name. Raises InputError for the same one in two formats."""
+        """The pictures of a view, by name. Raises InputError for the same one in two formats, or beside a folder of samples."""
         path = self._path(stored, name)
-        if path.is_dir():
-            return sorted(each for each in path.iterdir() if _is_picture(each))
-        found = [path] if _is_picture(path) else [each for end in FORMATS if (each := path.with_name(path.name + end)).is_file()]
-        if len(found) > 1:
-            raise InputError(f"{path}: expected one picture, found {' and '.join(each.name for each in found)}")
-        return found
+        samples = sorted(each for each in path.iterdir() if _is_picture(each)) if path.is_dir() else []
+        named = sorted(path.parent.glob(f"{glob.escape(path.name)}.*"))  # whose suffixes may be in upper case
+        found = [path] if _is_picture(path) else [each for each in named if each.stem == path.name and _is_picture(each)]
+        if len(found) + bool(samples) > 1:
+            names = [*(each.name for each in found), *([f"{path.name}/{samples[0].name}"] if samples else [])]
+            raise InputError(f"{path}: expected one picture, or a folder of samples, found {' and '.join(names)}")
+        return samples or found
 
     # ---------------------------------------------------------------- what is in it
     def _view(self, component: str, name: str, path: Path, mask: Tensor) -> Tensor:

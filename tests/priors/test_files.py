@@ -140,6 +140,15 @@ def test_of_a_pattern_the_star_alone_has_a_meaning(tmp_path: Path) -> None:
     assert np.abs(found - srgb_to_linear(colours()) * MASK[..., None]).max() <= 0.01
 
 
+def test_a_suffix_in_upper_case_is_one_and_a_name_with_dots_is_whole(tmp_path: Path) -> None:
+    save(tmp_path / "albedo" / "a.PNG", colours())
+    save(tmp_path / "albedo" / "a.b.png", 1 - colours())
+    (tmp_path / "albedo" / "a").mkdir()  # without a sample
+    found = albedo(tmp_path, "a", "a.b")
+    expected = srgb_to_linear(np.stack([colours(), 1 - colours()])) * MASK[..., None]
+    assert np.abs(found - expected).max() <= 0.01
+
+
 def test_it_sees_files_and_nothing_else(tmp_path: Path) -> None:
     save(tmp_path / "albedo" / "a.png", colours())
     prior, one = FilesPrior(path=str(tmp_path), **TOLD), shown("a")
@@ -199,7 +208,12 @@ MISTAKES = {
     "0 to 255": (picture(200 * colours()), {}, r"a\.npy: expected albedo, which is srgb, in values from 0 to 1, found"),
     "-1 to 1": (picture(2 * colours() - 1), {}, r"in values from 0 to 1, found -0\.\d+ to"),
     "no object in alpha": (picture(np.dstack([colours(), MASK < 0.5])), {}, r"the object of view a, found \d+% of it covered"),
-    "two formats": (lambda f: save(f / "albedo/a.exr", colours()), {}, r"expected one picture, found a\.png and a\.exr"),
+    "two formats": (lambda f: save(f / "albedo/a.exr", colours()), {}, r"expected one picture, .*, found a\.exr and a\.png"),
+    "a picture and samples": (
+        lambda f: save(f / "albedo/a/0.png", colours()),
+        {},
+        r"expected one picture, .* found a\.png and a/0\.png",
+    ),
     "no star": (None, {"albedo": "albedo/a.png"}, r"expected where files lie below .*, found 'albedo/a\.png'"),
     "elsewhere": (None, {"albedo": "../*"}, r"expected where files lie below .*, found '\.\./\*'"),
     "no such pattern": (None, {"specular": "gloss/*"}, r"expected pictures of specular as gloss/\*, found none"),
