@@ -156,13 +156,17 @@ def named(kind: Kind, name: str, target: str | None) -> Plugin:
 
 
 def load(plugin: Plugin) -> Any:  # noqa: ANN401 (whatever the plugin's author put there)
-    """Import what a plugin points to. Raises BrokenPlugin with the plugin, its distribution and the cause in one line."""
+    """Import what a plugin points to; what its modules change for the whole process, as scripts do, is put back.
+
+    Raises BrokenPlugin with the plugin, its distribution and the cause in one line.
+    """
     who = f"{plugin.kind} '{plugin.name}' of {plugin.distribution} cannot be used"
     module, separator, attribute = plugin.target.partition(":")
     if not (module and separator and attribute):
         raise InputError(f"{who}: expected a target 'module:Class', found '{plugin.target}'")
     try:
-        found: Any = importlib.import_module(module)
+        with process_state_kept():
+            found: Any = importlib.import_module(module)
         for part in attribute.split("."):
             found = getattr(found, part)
     except (Exception, SystemExit) as error:  # whatever foreign code does on import stays with that plugin
@@ -241,4 +245,5 @@ def process_state_kept() -> Iterator[None]:
                     getattr(torch, f"set_{name}")(value)
         elif (fresh := sys.modules.get("torch")) is not None:
             fresh.set_default_dtype(fresh.float32)
+            fresh.set_default_device(None)
             fresh.set_grad_enabled(True)

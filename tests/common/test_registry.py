@@ -1,6 +1,7 @@
 """Plugins of other distributions: found by metadata, imported on use, and unable to harm those that do not use them."""
 
 import re
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -109,6 +110,42 @@ def test_listing_imports_nothing() -> None:
 def test_broken_plugin_is_an_error_only_for_who_asks(name: str, cause: str) -> None:
     with pytest.raises(InputError, match=f"prior '{name}' of third 1.2 cannot be used: importing .* raised {cause}"):
         registry.load(registry.find("prior", name))
+
+
+SCRIPT = """
+import os
+import random
+
+import torch
+
+torch.set_grad_enabled(False)
+torch.set_default_dtype(torch.float64)
+torch.set_default_device("meta")
+random.seed(0)
+os.chdir("/")
+
+
+class Prior:
+    def sample(self, observations, *, seed, guidance=None): ...
+"""
+STATE = "torch.is_grad_enabled(), torch.get_default_dtype(), torch.zeros(1).device, os.getcwd() == folder"
+
+
+@pytest.mark.parametrize("first", ["import torch", "pass"])
+def test_what_a_module_changes_when_it_is_imported_is_put_back(tmp_path: Path, first: str) -> None:
+    (tmp_path / "script.py").write_text(SCRIPT)
+    code = f"""
+import os, random
+{first}
+from ia_bench.common import registry
+folder, drawn = os.getcwd(), random.getstate()
+registry.load(registry.find("prior", "script:Prior"))
+import torch
+assert random.getstate() == drawn
+print({STATE})
+"""
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == "True torch.float32 cpu True\n"
 
 
 def test_unknown_name_gives_the_closest_and_a_class_is_spelled_out() -> None:
