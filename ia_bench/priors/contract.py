@@ -128,6 +128,10 @@ class Prior(Protocol):
 
     One that has a ``fingerprint``, a text that differs whenever its samples could (the class and the version of its code, its
     options, the content of its weights), has its samples kept between runs; any other is asked anew by every run.
+
+    A run is known by the prior's code and options, and by the content of the files that it takes numbers from, such as weights:
+    those that a class method ``files(options)`` of it returns, or, of a prior without one, those that its options name by a path.
+    ``weights=./net`` is one, ``weights=net`` a word: trained anew, a folder called so is not told from what it was before.
     """
 
     info: PriorInfo

@@ -22,10 +22,11 @@ from ia_bench.common import registry
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.calls import expect_kind, expect_whole, path_of
 from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import log
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import Observations, Prior
-from ia_bench.priors.validation import ask, check_prior_info
+from ia_bench.priors.validation import ask, beyond_a_material, check_prior_info, name_of
 from ia_bench.runs.composition import compose
 from ia_bench.runs.pictures.preview import labelled
 from ia_bench.scenes.exr import write_exr
@@ -134,6 +135,8 @@ def decompose_with(
     for draw in range(count):
         drawn.append(ask(prior, shown, seed=derive_seed(seed, draw)))
         task.advance()
+    if (wrong := beyond_a_material(drawn[0], shown.masks)) is not None:
+        log.warning("prior %s proposes %s; it is used, and ia-bench check says more", name_of(prior), wrong)
     stacked = {name: torch.stack([one.values[name][0] for one in drawn]).numpy() for name in sorted(prior.info.provides)}
     return Decomposition(
         image=image,

@@ -1,4 +1,5 @@
 import os
+import re
 import subprocess
 import sys
 import weakref
@@ -10,6 +11,7 @@ from priors.tiny_network import tiny_weights
 
 from ia_bench.cli.decompose import main
 from ia_bench.common.errors import InputError
+from ia_bench.priors.contract import PriorInfo, Samples
 from ia_bench.runs.decomposition import decompose
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, write_exr
@@ -51,6 +53,22 @@ def test_the_command_writes_every_part_of_a_photograph(tmp_path, weights, pictur
     inside = linear[..., 3] == 1
     shown = np.asarray(Image.open(out / "disc_albedo.png"), np.float32) / 255
     np.testing.assert_allclose(srgb_to_linear(shown[..., :3])[inside], linear[..., :3][inside], atol=0.006)
+
+
+class Bytes:
+    """An albedo of 0 to 255, which would be written as a white picture."""
+
+    info = PriorInfo(frozenset({"albedo"}))
+
+    def sample(self, observations, *, seed, guidance=None):
+        return Samples({"albedo": 255 * observations.images.clamp(0, 1)})
+
+
+def test_an_albedo_that_is_none_is_told(tmp_path, picture, caplog):
+    Image.fromarray(picture).save(tmp_path / "disc.png")
+    decompose(tmp_path / "disc.png", prior=f"{__name__}:Bytes")
+    (line,) = caplog.messages
+    assert re.fullmatch(r"prior Bytes proposes an albedo up to [\d.]+, expected 0 to 1; it is used, .*", line)
 
 
 def test_results_that_cannot_be_written_are_said_before_sampling(tmp_path, weights, picture, capsys):
