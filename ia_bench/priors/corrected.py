@@ -14,6 +14,7 @@ from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import UnitInterval
 from ia_bench.priors.contract import Distiller, Observations, Prior, Refiner, Samples
+from ia_bench.priors.validation import ask, ask_to_distill, check_prior_info
 
 
 class WrappedPrior:
@@ -41,12 +42,11 @@ class WrappedPrior:
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`."""
-        samples = self.prior.sample(self.shown(observations), seed=seed, guidance=guidance)
-        return self.answered(observations, samples)
+        return self.answered(observations, ask(self.prior, self.shown(observations), seed=seed, guidance=guidance))
 
     def _distill(self, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Samples:
         assert isinstance(self.prior, Distiller)
-        return self.answered(observations, self.prior.distill(self.shown(observations), renders, seed=seed))
+        return self.answered(observations, ask_to_distill(self.prior, self.shown(observations), renders, seed=seed))
 
     def _refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
         assert isinstance(self.prior, Refiner)
@@ -81,6 +81,7 @@ class CorrectedPrior(WrappedPrior):
 
     def __init__(self, *, of: str = "diffusion", share: UnitInterval = 0.5, of_options: Mapping[str, Any] | None = None) -> None:
         behind: Prior = registry.create("prior", of, registry.find("prior", of).target, of_options or {})
+        check_prior_info(behind)
         if behind.info.sees_truth or not behind.info.provides:
             reason = "it provides nothing" if not behind.info.provides else "it sees the truth itself"
             raise InputError(f"prior.options.of: expected a prior whose errors can be corrected, found {of}: {reason}")

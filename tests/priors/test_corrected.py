@@ -6,7 +6,8 @@ from priors.tiny_network import tiny_weights
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.painted_ball import painted_ball
-from ia_bench.priors.contract import COMPONENTS, Distiller, Observations, Samples
+from ia_bench.common.errors import PluginError
+from ia_bench.priors.contract import COMPONENTS, Distiller, Observations, PriorInfo, Samples
 from ia_bench.priors.corrected import CorrectedPrior
 from ia_bench.priors.diffusion.prior import DiffusionPrior
 
@@ -52,6 +53,26 @@ def check_shrunk(plain: Samples, samples: Samples, ball: Observations, share: fl
         assert torch.allclose(left, share * error, atol=1e-6)
         if share in (0, 1):
             assert torch.equal(sample, ball.truth[name] if share == 0 else plain.values[name])
+
+
+class Grey:
+    info = PriorInfo(frozenset({"albedo"}))
+
+    def sample(self, observations: Observations, *, seed: int, guidance: object = None) -> Samples:
+        return Samples({"albedo": observations.images.mean(-1, keepdim=True)})
+
+
+class Untold(Grey):
+    info = None  # type: ignore[assignment]
+
+
+def test_the_prior_behind_keeps_the_contract(ball: Observations) -> None:
+    with pytest.raises(
+        PluginError, match=r"^prior Grey: sample\(\): albedo: expected shape \(3, 16, 24, 3\), found \(3, 16, 24, 1\)"
+    ):
+        CorrectedPrior(of=f"{__name__}:Grey").sample(ball, seed=0)
+    with pytest.raises(PluginError, match=r"^prior Untold: info: expected a .*PriorInfo, found None"):
+        CorrectedPrior(of=f"{__name__}:Untold")
 
 
 def test_conforms(weights: str, ball: Observations) -> None:
