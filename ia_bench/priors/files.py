@@ -141,7 +141,7 @@ class FilesPrior:
             elif files:
                 raise InputError(f"{self._folder}: expected pictures of {name} as {shown(stored.files)}, found none")
         if not self._stored:
-            expected = "predictions as albedo/VIEW.png (or .exr, .npy, ...), or specular/"
+            expected = f"predictions as albedo/VIEW.png (or {', '.join(FORMATS[1:])}), or specular/"
             raise InputError(f"{self._folder}: expected {expected}, found none")
         for name, stored in self._stored.items():
             for key, choices in (("encoding", Encoding), ("alpha", Alpha)):

@@ -192,6 +192,11 @@ def about(**said: object) -> Spoil:
 
 MISTAKES = {
     "nothing there": (lambda f: shutil.rmtree(f / "albedo"), {}, r"expected predictions as albedo/VIEW\.png .*, found none"),
+    "other formats": (
+        lambda f: [each.rename(each.with_suffix(".bmp")) for each in (f / "albedo").iterdir()],
+        {},
+        r"albedo/VIEW\.png \(or \.jpg, .*\.tif, \.npy\), or specular/, found none",
+    ),
     "a view is missing": (lambda f: (f / "albedo/b.png").rename(f / "albedo/c.png"), {}, r"none of 1 of 2: b \(and a\.png among"),
     "encoding not said": (None, {"encoding": None}, r"predictions\.json: albedo\.encoding: expected linear or srgb, .* nothing"),
     "alpha not said": (None, {"alpha": None}, r"albedo\.alpha: expected straight or premultiplied, .* found nothing"),
