@@ -103,6 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         background=wanted.background,
         scene=shlex.join([*settings, *more, "--background", wanted.background]),
         out=shlex.quote(str(out)),
+        path=shlex.quote(setting("prior.options.path", out)),
         settings=shlex.join(settings),
         about=ABOUT,
     )

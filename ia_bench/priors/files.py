@@ -277,7 +277,7 @@ Then say how its colours are stored: encoding srgb or linear; alpha straight, or
 
   ia-bench export {scene} --for prior {out}
   (your network: {out}/images -> {out}/albedo)
-  ia-bench run {settings} prior=files prior.options.path={out} prior.options.encoding=srgb prior.options.alpha=straight
+  ia-bench run {settings} prior=files {path} prior.options.encoding=srgb prior.options.alpha=straight
 
 Compare with: ia-bench run {settings} prior=none
 The scene and its capture have to be the same in both. {about} says which part of a view each photograph shows, and

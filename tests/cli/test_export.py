@@ -89,6 +89,13 @@ def test_photographs_for_a_network_are_written_again_by_the_command_beside_them(
         assert first == again
 
 
+def test_the_command_beside_photographs_for_a_network_names_their_folder_whatever_it_is_called() -> None:
+    folder = Path("its (ü) folder")
+    assert main(["export", "tiny", str(folder), "--for", "prior", "capture.views=2"]) == 0
+    (line,) = [line for line in (folder / "README.txt").read_text().splitlines() if line.startswith("  ia-bench run ")]
+    assert compose(shlex.split(line)[2:]).prior.options["path"] == str(folder.resolve())
+
+
 # ---------------------------------------------------------------- what a format cannot hold
 def test_cameras_that_a_format_cannot_hold_are_refused(tiny: Scene, tmp_path: Path) -> None:
     camera = replace(tiny.train[3].camera, centre=(12.0, 16.0))
