@@ -90,6 +90,8 @@ def checked_part(kind: Kind, name: str, found: Any) -> Any:  # noqa: ANN401 (wha
             with at_work(kind, name):
                 value = getattr(found, attribute)
             check(f"{kind} {name}: {attribute}", value)
+    if kind == "coupling" and found.period and not found.views:
+        raise PluginError(f"coupling {name}: views: expected 1 or more of one that asks again every {found.period} steps, found 0")
     return Checked(kind, name, found, answers)
 
 

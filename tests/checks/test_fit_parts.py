@@ -99,6 +99,7 @@ def changed(kind: type, **members: object) -> type:
         (changed(Level, uses=lambda self, provides: frozenset({"albedo"})), "uses(): expected an empty frozenset, found"),
         (changed(Level, period=2.5), "coupling Broken: period: expected a whole number >= 0, found 2.5"),
         (changed(Level, views=-1), "coupling Broken: views: expected a whole number >= 0, found -1"),
+        (changed(Level, period=3), "coupling Broken: views: expected 1 or more of one that asks again every 3 steps, found 0"),
         (changed(Level, views=lambda self: 1), "coupling Broken: views: expected a whole number >= 0, found <bound method"),
         (changed(Level, sets_albedo="albedo"), "coupling Broken: sets_albedo: expected True or False, found 'albedo'"),
         (changed(Level, state=lambda self: {"mean": self.mean.numpy()}), "state(): expected a mapping of names to tensors"),

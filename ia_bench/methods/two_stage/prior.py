@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.common.errors import InputError, PluginError
+from ia_bench.common.errors import InputError
 from ia_bench.methods.contract import Monitor, PixelSamples, Problem, StepRender
 from ia_bench.methods.couplings.sampler import Images, PriorSampler, pixel_samples
 from ia_bench.methods.photographs import as_photographed, restrict
@@ -30,19 +30,16 @@ class PriorLoss:
     """
 
     def __init__(self, problem: Problem, seed: int, monitor: Monitor) -> None:
-        """Raises InputError for a prior that is to be distilled and cannot be, and for a coupling that would ask about no view."""
+        """Raises InputError for a prior that is to be distilled and cannot be."""
         self._problem, self._seed, self._task = problem, seed, monitor.task
         self._prior, self._coupling = problem.prior, problem.coupling
         self.sampler = PriorSampler(problem, self._prior, seed, monitor.note)
         self.samples: PixelSamples | None = None
         self._used = self._coupling.uses(self._prior.info.provides)
-        if self._coupling.period:
+        if self._coupling.period and not isinstance(self._prior, Distiller):
             expected = f"coupling: it asks again every {self._coupling.period} steps, so expected"
-            if self._coupling.views < 1:
-                raise PluginError(f"{expected} views of 1 or more, found {self._coupling.views}")
-            if not isinstance(self._prior, Distiller):
-                method = "a prior with a method distill(observations, renders, *, seed)"
-                raise InputError(f"{expected} {method}, found {name_of(self._prior)}, which has none")
+            method = "a prior with a method distill(observations, renders, *, seed)"
+            raise InputError(f"{expected} {method}, found {name_of(self._prior)}, which has none")
 
     @property
     def start(self) -> PixelSamples | None:

@@ -10,7 +10,6 @@ import torch
 from small_fit import Found, Record, altered, coupled, fit, make_problem, regularised, same
 from torch import Tensor
 
-from ia_bench.common.errors import PluginError
 from ia_bench.methods.contract import Coupling, NoCoupling, PixelSamples, Problem, StepRender
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.couplings.targets import Distilled, Targets
@@ -187,10 +186,10 @@ def test_distilled_gaussian_converges_to_its_mean(problem: Problem) -> None:
 
 # ---- what a plug-in may do -------------------------------------------------------------------------------------------
 class Named(Coupling):
-    """A loss of nothing under any name, asked for again every ``period`` steps."""
+    """A loss of nothing under any name."""
 
-    def __init__(self, name: str = "mine", period: int = 0) -> None:
-        self.name, self.period = name, period
+    def __init__(self, name: str = "mine") -> None:
+        self.name = name
 
     def prepare(self, samples: PixelSamples, problem: Problem) -> None: ...
 
@@ -198,8 +197,6 @@ class Named(Coupling):
         return {self.name: 0 * render.albedo.mean()}
 
 
-def test_a_coupling_names_its_losses_as_it_likes_but_may_not_ask_again_about_no_view(problem: Problem, scene: Scene) -> None:
+def test_a_coupling_names_its_losses_as_it_likes(problem: Problem, scene: Scene) -> None:
     mine, image = (fit(coupled(problem, Named(name)), noisy(scene)[1], SETTINGS, Record()) for name in ("mine", "image"))
     assert same(mine, image)
-    with pytest.raises(PluginError, match=r"asks again every 3 steps, so expected views of 1 or more, found 0"):
-        fit(coupled(problem, Named(period=3)), noisy(scene)[1], SETTINGS, Record())
