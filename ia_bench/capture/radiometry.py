@@ -60,7 +60,8 @@ def at_one_exposure(scene: Scene, note: Callable[[str], None]) -> Scene:
     The unit of radiance is that of the mean exposure (geometric) of the training views. Held-out photographs stay as they were
     taken, and say by which factor a render has to be exposed to be compared with them.
     """
-    lit = [view for view in (*scene.train, *scene.test, *scene.novel) if view.light == "train"]
+    held_out = [view for view in (*scene.test, *scene.novel) if view.light == "train"]  # most readers have them in both
+    lit = [*scene.train, *{(view.name, view.camera.to_world.tobytes()): view for view in held_out}.values()]
     known = [view.exposure for view in lit if view.exposure is not None]
     if not known:
         return scene
