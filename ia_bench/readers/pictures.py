@@ -84,8 +84,11 @@ def masks_of(folder: Path, photos: Sequence[Path], notes: list[str]) -> list[Pat
 
 
 def mask_named(folder: Path, photo: Path) -> Path | None:
-    """The mask of a photograph: NAME.png, its whole name and .png, as COLMAP has it, or its own name; None where there is none."""
-    names = f"{photo.stem}.png", f"{photo.name}.png", photo.name
+    """The mask of a photograph: NAME.png, its whole name and .png, as COLMAP has it, or its own name; None where there is none.
+
+    The suffix may be in upper case.
+    """
+    names = f"{photo.stem}.png", f"{photo.name}.png", photo.name, f"{photo.stem}.PNG", f"{photo.name}.PNG"
     return next((path for name in names if (path := folder / name).is_file()), None)
 
 

@@ -11,7 +11,7 @@ from spoils import edited
 
 from ia_bench.common.errors import InputError
 from ia_bench.readers.nerfstudio import NerfstudioReader
-from ia_bench.readers.pictures import photograph, picture_below, pictures_in
+from ia_bench.readers.pictures import mask_beside, photograph, picture_below, pictures_in
 from ia_bench.readers.writers.frames import write_nerfstudio
 from ia_bench.scenes.photograph import read_mask
 from ia_bench.scenes.scene import Scene
@@ -91,6 +91,13 @@ def test_masks_lie_in_folders_like_those_of_the_photographs(tmp_path: Path, tiny
     for split in ("train", "test"):
         for view, one in zip(getattr(scene, split), getattr(expected, split), strict=True):
             assert np.abs(view.mask - one.mask).max() <= STEP + 1e-6
+
+
+def test_a_mask_is_found_whose_suffix_is_in_upper_case(tmp_path: Path) -> None:
+    Image.new("L", (2, 2), 255).save(tmp_path / "left.PNG")
+    Image.new("L", (2, 2), 255).save(tmp_path / "right.JPG.PNG")
+    assert mask_beside(tmp_path, Path("left.JPG")).name == "left.PNG"
+    assert mask_beside(tmp_path, Path("right.JPG")).name == "right.JPG.PNG"
 
 
 def test_a_run_is_known_by_masks_that_lie_elsewhere(tmp_path: Path) -> None:
