@@ -40,7 +40,7 @@ class DtuReader(UnsplitReader):
 
         def view(place: int) -> View:
             path, (world, _) = photos[place], matrices[place]
-            photo = photograph(path, masks[place], notes)
+            photo = photograph(path, masks[place], notes, folder / "mask")
             height, width = photo.mask.shape
             where = f"{folder / name}: world_mat_{place} @ scale_mat_{place}"
             return photo.view(path.stem, from_projection(where, (world @ scale)[:3], width, height))

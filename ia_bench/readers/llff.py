@@ -47,7 +47,7 @@ class LlffReader(UnsplitReader):
         masks = masks_of(folder / self.masks, photos, notes)
 
         def view(place: int) -> View:
-            photo = photograph(photos[place], masks[place], notes)
+            photo = photograph(photos[place], masks[place], notes, folder / self.masks)
             name = photos[place].stem
             return photo.view(name, self._camera(f"{folder / POSES}: row {place}", photos[place], rows[place], photo.mask.shape))
 

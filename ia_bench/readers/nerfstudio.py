@@ -110,7 +110,7 @@ class NerfstudioReader(UnsplitReader):
         if not path.is_relative_to(self.folder):  # an absolute path may lead into the folder through a link
             path = self.folder / path.resolve().relative_to(self.folder.resolve())
         name = Path(plain(path.relative_to(self.folder)))
-        photo = photograph(path, self._mask(where, name, frame), notes)
+        photo = photograph(path, self._mask(where, name, frame), notes, self.folder / self.masks)
         expect_size_of(where, frame, path, photo.mask.shape)
         if told:
             photo = replace(photo, exposure=positive(where, frame, "exposure") if "exposure" in frame else None)

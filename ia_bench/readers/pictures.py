@@ -114,11 +114,12 @@ class Photo:
         return View(name, camera, self.image, self.mask, light, valid=self.valid, exposure=self.exposure)
 
 
-def photograph(path: Path, mask: Path | None, notes: list[str]) -> Photo:
+def photograph(path: Path, mask: Path | None, notes: list[str], masks: Path | None = None) -> Photo:
     """A photograph, linear as OpenEXR or 8-bit sRGB as anything else, with the pixels as they are stored, whatever its EXIF says.
 
-    ``mask`` is a file of its own, None where the picture's alpha is the mask. Raises InputError where there is neither, and for
-    a file of another suffix than SUFFIXES, which would be no part of what a run is known by.
+    ``mask`` is a file of its own, None where the picture's alpha is the mask. Raises InputError where there is neither, naming the
+    folder ``masks`` in which the file would be found, if there is such a one, and for a file of another suffix than SUFFIXES, which
+    would be no part of what a run is known by.
     """
     for file in filter(None, (path, mask)):
         if file.suffix.lower() not in SUFFIXES:
@@ -130,7 +131,10 @@ def photograph(path: Path, mask: Path | None, notes: list[str]) -> Photo:
 
     image, coverage = read_photograph(path, mask, upright=False, notice=notice)
     if mask is None and coverage.min() >= 1:
-        raise InputError(f"{path}: expected a mask in its alpha, or in a file of its own, found an opaque picture and no mask")
+        beside = "" if masks is None else f" such as {masks / path.stem}.png"
+        raise InputError(
+            f"{path}: expected a mask in its alpha, or in a file of its own{beside}, found an opaque picture and no mask"
+        )
     image[coverage <= 0] = 0  # what lossy files leave there
     clipped = (image >= CLIPPED * coverage[..., None]).any(-1) & (path.suffix.lower() != ".exr")
     return replace(Photo.of(image, coverage, clipped), exposure=recorded_exposure(path))

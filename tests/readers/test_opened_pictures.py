@@ -10,8 +10,12 @@ from PIL import Image
 from spoils import edited
 
 from ia_bench.common.errors import InputError
+from ia_bench.readers.colmap import ColmapReader
+from ia_bench.readers.dtu import DtuReader
+from ia_bench.readers.llff import LlffReader
 from ia_bench.readers.nerfstudio import NerfstudioReader
 from ia_bench.readers.pictures import mask_beside, photograph, picture_below, pictures_in
+from ia_bench.readers.writers.calibrated import write_colmap, write_dtu, write_llff
 from ia_bench.readers.writers.frames import write_nerfstudio
 from ia_bench.scenes.photograph import read_mask
 from ia_bench.scenes.scene import Scene
@@ -98,6 +102,26 @@ def test_a_mask_is_found_whose_suffix_is_in_upper_case(tmp_path: Path) -> None:
     Image.new("L", (2, 2), 255).save(tmp_path / "right.JPG.PNG")
     assert mask_beside(tmp_path, Path("left.JPG")).name == "left.PNG"
     assert mask_beside(tmp_path, Path("right.JPG")).name == "right.JPG.PNG"
+
+
+def test_a_photograph_without_a_mask_is_told_where_one_is_looked_for(tmp_path: Path, tiny: Scene) -> None:
+    """As where the folder of masks was forgotten, or has another name than the option ``masks`` says."""
+    scene = scene_to_write(tiny)
+    for reader, write, name in (
+        (NerfstudioReader, write_nerfstudio, "masks"),
+        (ColmapReader, write_colmap, "masks"),
+        (LlffReader, write_llff, "masks"),
+        (DtuReader, write_dtu, "mask"),
+    ):
+        folder = tmp_path / reader.format
+        folder.mkdir()
+        write(folder, scene)
+        if reader is NerfstudioReader:
+            edited("transforms.json", lambda c: [frame.pop("mask_path") for frame in c["frames"]])(folder)
+        (folder / name).rename(folder / "cutouts")
+        said = rf"expected a mask in its alpha, or in a file of its own such as {folder / name}/.*\.png, found an opaque picture"
+        with pytest.raises(InputError, match=said):
+            reader(folder).read(truth=False)
 
 
 def test_a_run_is_known_by_masks_that_lie_elsewhere(tmp_path: Path) -> None:
