@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, TypeVar
@@ -141,6 +142,20 @@ class UnsplitReader(FolderReader):
         """The photographs to fit, and those that are held out."""
         training = [photograph for place, photograph in enumerate(photographs) if place % self.every]
         return training, list(photographs[:: self.every])
+
+    def note_without_pose(self, posed: Iterable[object], notes: list[str], masks: Iterable[object] = ()) -> None:
+        """Tell ``notes`` how many pictures lie beside those that are ``posed`` and have no pose, for many programs place only some.
+
+        All are names below the folder, with or without a suffix; ``masks`` are no photographs, wherever they lie.
+        """
+        names, others = ({os.path.normpath(self.folder / str(name)) for name in some} for some in (posed, masks))
+        folders = {os.path.dirname(name) for name in names if self.folder in Path(name).parents}
+        there = [path for folder in folders if os.path.isdir(folder) for path in Path(folder).iterdir()]
+        known = {*names, *others, *(os.path.splitext(name)[0] for name in names)}
+        left = sorted(path.name for path in there if path.suffix.lower() in SUFFIXES and path.name[0] != "."
+                      and not {str(path), str(path.with_suffix(""))} & known)  # fmt: skip
+        if left:
+            notes.append(f"{len(left)} pictures beside the photographs have no pose and are left out, {left[0]} first")
 
     def unsplit(self, count: int, view: Callable[[int], View], notes: list[str], place: np.ndarray | None = None) -> Scene:
         """The scene of ``count`` photographs, in their order; ``place`` as of :meth:`scene`. Raises InputError for too few."""

@@ -67,6 +67,7 @@ class ColmapReader(UnsplitReader):
         if not posed:
             raise InputError(f"{self.folder}: expected photographs with a pose in the sparse model, found none")
         expect_each_once((f"{self.folder}: sparse model: image {number}", name) for name, number, _, _ in posed)
+        self.note_without_pose([f"{self.images}/{name}" for name, *_ in posed], notes)
         return self.unsplit(len(posed), lambda place: self._view(*posed[place], sensors, notes), notes)
 
     def _view(

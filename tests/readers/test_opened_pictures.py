@@ -124,6 +124,22 @@ def test_a_photograph_without_a_mask_is_told_where_one_is_looked_for(tmp_path: P
             reader(folder).read(truth=False)
 
 
+def test_photographs_without_a_pose_are_counted(tmp_path: Path, tiny: Scene) -> None:
+    """COLMAP places what it can. Masks, a second format of a photograph and what macOS hides are no photographs without a pose."""
+    for reader, write in ((NerfstudioReader, write_nerfstudio), (ColmapReader, write_colmap)):
+        folder = tmp_path / reader.format
+        folder.mkdir()
+        write(folder, scene_to_write(tiny))
+        photos = sorted((folder / "images").iterdir())
+        photos[0].with_suffix(".tif").write_bytes(b"")
+        (folder / "images" / "._other.png").write_bytes(b"")
+        assert not any("no pose" in note for note in reader(folder).read(truth=False).notes)
+        for name in ("y.JPG", "z.png"):
+            (folder / "images" / name).write_bytes(b"")
+        told = "2 pictures beside the photographs have no pose and are left out, y.JPG first"
+        assert told in reader(folder).read(truth=False).notes
+
+
 def test_a_run_is_known_by_masks_that_lie_elsewhere(tmp_path: Path) -> None:
     for name in ("photos/images", "elsewhere"):
         (tmp_path / name).mkdir(parents=True)
