@@ -121,6 +121,21 @@ def test_frames_that_say_their_sizes_may_differ_in_them(folder: Path) -> None:
     assert "with the same intrinsics" in refused(folder)
 
 
+def test_a_frame_s_own_focal_length_counts_before_that_of_the_file(folder: Path) -> None:
+    """In whichever way either is said; the file says fl_x and fl_y."""
+
+    def own(content: dict[str, Any]) -> None:
+        first, second, *_ = content["frames"]
+        content["fl_x"] = content["fl_y"] = 30.0
+        first["camera_angle_x"], second["fl_x"] = np.pi / 2, 50.0
+
+    edited(WHOLE, own)(folder)
+    first, second, third, *_ = NerfstudioReader(folder).read(truth=False).train
+    half = first.camera.width / 2  # what a right angle sees is as far away as the focal length is long
+    assert first.camera.focal == pytest.approx((half, half))
+    assert (second.camera.focal, third.camera.focal) == ((50.0, 50.0), (30.0, 30.0))
+
+
 def test_photographs_do_not_pile_up_at_their_full_size(tmp_path: Path) -> None:
     """Each with a focal length of its own, as apps of phones write it, and made smaller one by one."""
     photo, frames, count = np.full((256, 256, 4), 255, np.uint8), [], 16
