@@ -186,7 +186,8 @@ class SurfaceInterpolator:
         self._uv = uv.contiguous().to(device)
         places = position.reshape(-1, 3)
         extent = float((places.amax(0) - places.amin(0)).norm())
-        self.offset = 1e-4 * extent
+        rounding = torch.finfo(places.dtype).eps * float(places.abs().max())  # of a place, which far from the origin is more
+        self.offset = max(1e-4 * extent, 4 * rounding)
         unit = 2.0 ** -round(math.log2(extent)) if extent > 0 else 1.0  # areas of a scene in small units would underflow
         edges = unit * (position[:, 1:] - position[:, :1])
         self.geometric = normalize(torch.linalg.cross(edges[:, 0], edges[:, 1])).to(device)

@@ -1,6 +1,7 @@
 """The renderer around the estimator: pictures, what it does not depend on, and Cycles' direct light as a whole."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,22 @@ def test_without_shadows_a_convex_mesh_is_the_same_to_the_last_bit() -> None:
     traced, none = (stage.estimate(stage.every, grey, light, 256, shadows=shadows) for shadows in ("traced", "none"))
     assert stage.rays.rays > 10_000
     assert torch.equal(traced.radiance, none.radiance)
+
+
+@pytest.mark.parametrize("sizes", [0.0, 1e3, 0.9e4])
+def test_a_convex_mesh_throws_no_shadow_on_itself_as_far_from_the_origin_as_meshes_may_lie(sizes: float) -> None:
+    """Its corners are rounded there, and flat triangles that should be level meet at edges a little higher or lower."""
+    mesh, camera = sphere(2), camera_at((2.0, 1.0, 1.5))
+    place = sizes * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    to_world = camera.to_world.copy()
+    to_world[0, 3] += place
+    mesh = replace(mesh, vertices=(mesh.vertices + np.array([place, 0, 0])).astype(np.float32))
+    stage, grey = Stage(mesh, [replace(camera, to_world=to_world)]), Material(torch.full((2, 2, 3), 0.5), torch.ones(2, 2, 1))
+    traced, none = (
+        stage.estimate(stage.every, grey, SampledLight.of(torch.ones(8, 16, 3)), 64, shadows=shadows).diffuse.mean()
+        for shadows in ("traced", "none")
+    )
+    assert float(traced) == pytest.approx(float(none), rel=0.01)
 
 
 def test_points_that_miss_count_as_nothing() -> None:
