@@ -24,7 +24,7 @@ from torch import Tensor
 
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.hull import HALF, carving_mask, centre_of, grown_mask, outline_distance, visual_hull
+from ia_bench.geometry.hull import HALF, carving_mask, centre_of, grown_mask, outline_distance, slopes, visual_hull
 from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import Camera, View
 
@@ -75,7 +75,7 @@ def outline(view: View, grid: DistanceGrid) -> Outline:
     distance = outline_distance(carving_mask(view))
     seen = binary_erosion(view.known | (view.mask > 0), np.ones((5, 5)))  # the edges of what is seen, which cut, are no outlines
     rows, columns = np.nonzero((np.abs(distance) < NEAR) & seen)
-    normal = np.stack(np.gradient(distance)[::-1], -1)[rows, columns]  # along columns, along rows
+    normal = slopes(distance)[::-1, rows, columns].T  # along columns, along rows
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
     points, beyond = nearest_to_rays(view.camera, rows, columns, grid)
     far = float(np.linalg.norm(points.mean(0) - view.camera.position)) if len(points) else 1.0

@@ -79,7 +79,7 @@ def outline_distance(mask: np.ndarray) -> np.ndarray:
     edge = _edge_pixels(values)
     if not edge.any():  # all of the picture on one side
         return (side * np.hypot(*mask.shape)).astype(np.float32)
-    slope = np.stack(np.gradient(gaussian_filter(values, 0.5)))
+    slope = slopes(gaussian_filter(values, 0.5))
     normal = -slope / np.maximum(np.linalg.norm(slope, axis=0), 1e-9)  # outward
     chord = 1 / np.maximum(np.abs(normal).max(0), 0.5)
     offset = -BLUR * ndtri(values.clip(0.01, 0.99)) if blurred else (HALF - values) / chord
@@ -90,6 +90,12 @@ def outline_distance(mask: np.ndarray) -> np.ndarray:
     corner = side * np.maximum(np.linalg.norm(apart, axis=0) - REACH, 0)
     distance = np.where(np.abs(corner) > side * straight, corner, straight)
     return np.where(whole == 0, offset, distance).astype(np.float32)
+
+
+def slopes(picture: np.ndarray) -> np.ndarray:
+    """By how much a picture (H, W) grows a pixel, downward and to the right, (2, H, W); 0 across a strip of one pixel."""
+    sides = enumerate(picture.shape)
+    return np.stack([np.gradient(picture, axis=axis) if side > 1 else np.zeros_like(picture) for axis, side in sides])
 
 
 def grown_mask(view: View, pixels: float) -> np.ndarray:

@@ -33,6 +33,15 @@ def test_outlines_are_found_to_a_fraction_of_a_pixel(binary: bool, worst: float,
     assert error.mean() < typical
 
 
+@pytest.mark.parametrize("upright", [False, True])
+def test_outlines_of_a_strip_of_one_pixel_are_those_along_it(upright: bool) -> None:
+    """Of pixels 8 to 15 of a row, or column, whose outlines lie at 8 and 16."""
+    strip = np.zeros((1, 24), np.float32)
+    strip[0, 8:16] = 1
+    found = outline_distance(strip.T).T if upright else outline_distance(strip)
+    np.testing.assert_allclose(found[0], np.abs(np.arange(24) + 0.5 - 12) - 4, atol=0.1)
+
+
 def test_the_hull_of_a_ball_is_the_ball_from_outside() -> None:
     """Every point of a hull of tangent cones lies outside of the ball, and all but between the tangent circles close to it."""
     grid = visual_hull(ball_views(60), 64)
