@@ -125,7 +125,7 @@ class Protocol:
     curve_stride: Count = 10
     curve_samples: Count = 64
     curve_lights: Count | None = 1
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     ssim: SsimSettings = field(default_factory=SsimSettings)
     lpips: LpipsSettings = field(default_factory=LpipsSettings)
     comparison: ComparisonSettings = field(default_factory=ComparisonSettings)

@@ -30,6 +30,7 @@ def test_nested_settings_are_read_and_change_the_label() -> None:
         ({"alignment": "mean_rbg"}, r"value of protocol\.alignment: 'mean_rbg'; did you mean 'mean_rgb'\?"),
         ({"samples_per_pixel": 1.5}, r"protocol\.samples_per_pixel: expected a whole number, found 1\.5"),
         ({"samples_per_pixel": 10**12}, r"protocol\.samples_per_pixel: expected 65536 or less, found 1000000000000"),
+        ({"seed": 2**63}, r"protocol\.seed: expected less than 9223372036854775808, found 9223372036854775808"),
     ],
 )
 def test_bad_settings_are_named_with_what_was_expected(config: dict, message: str) -> None:
