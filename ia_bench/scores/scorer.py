@@ -73,12 +73,12 @@ def _against_shape(found: Stage, true: Mesh | None, views: Sequence[View], seen:
     shared = [one.hit & other.hit for one, other in zip(seen, truth, strict=True)]
     if not any(bool(hit.any()) for hit in shared):
         return dict.fromkeys(OF_SHAPE, "no ray hits both shapes")
-    triples = list(zip(seen, truth, shared, strict=True))
-    cosine = torch.cat([(one.normal[hit] * other.normal[hit]).sum(-1) for one, other, hit in triples]).clamp(-1, 1)
-    depth = torch.cat([(one.distance[hit] - other.distance[hit]).abs() for one, other, hit in triples])
+    both = [(one, hit[one.hit], other, hit[other.hit]) for one, other, hit in zip(seen, truth, shared, strict=True)]
+    cosine = torch.cat([(one.normal[own] * other.normal[its]).sum(-1) for one, own, other, its in both]).clamp(-1, 1)
+    depth = torch.cat([(one.distance[own] - other.distance[its]).abs() for one, own, other, its in both])
     from scipy.spatial import cKDTree  # only where a mesh was made
 
-    clouds = [torch.cat([part.position[part.hit] for part in parts]) for parts in (seen, truth)]
+    clouds = [torch.cat([part.position for part in parts]) for parts in (seen, truth)]
     thin = [cloud[:: -(-len(cloud) // POINTS)].numpy() for cloud in clouds]
     chamfer = 0.5 * sum(float(cKDTree(thin[1 - side]).query(thin[side])[0].mean()) for side in (0, 1))
     diagonal = float(np.linalg.norm(np.ptp(true.vertices, axis=0)))
@@ -88,7 +88,7 @@ def _against_shape(found: Stage, true: Mesh | None, views: Sequence[View], seen:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a camera's rays (N = H W S) see of a shape: hit (N,), unit normal (N, 3), distance (N,), position (N, 3)."""
+    """What N = H W S rays of a camera see: hit (N,), of the M that hit the shape unit normal, position (M, 3), distance (M,)."""
 
     hit: Tensor
     normal: Tensor
@@ -99,8 +99,9 @@ class _Seen:
     def of(cls, stage: Stage, view: View) -> _Seen:
         origins, directions = (torch.from_numpy(a).reshape(-1, 3).to(stage.device) for a in primary_rays(view.camera, SIDE))
         face, barycentric, distance = stage.rays.intersect(origins, directions)
-        points = stage.surface(face, barycentric, origins)
-        return cls((face >= 0).cpu(), points.normal.cpu(), distance.cpu(), points.position.cpu())
+        hit = face >= 0
+        points = stage.surface(face[hit], barycentric[hit], origins[hit])
+        return cls(hit.cpu(), points.normal.cpu(), distance[hit].cpu(), points.position.cpu())
 
 
 MAPS = ("albedo", "roughness", "metallic")

@@ -37,3 +37,13 @@ def test_a_ball_against_itself_and_a_smaller_one(views: list[View]) -> None:
     assert scores["depth"] * diagonal > 0.1  # along rays it is farther than across
     assert scores["mask_iou"] == pytest.approx(0.4**2 / 0.5**2, abs=0.03)
     assert 0.2 < scores["missed_share"] < 1 - 0.4**2 / 0.5**2  # pixels that are covered in part are not missed
+
+
+def test_of_rays_that_miss_nothing_is_kept_but_that_they_do(views: list[View]) -> None:
+    """Most miss, and those of all views are looked at together."""
+    stage, asked = Stage(sphere(3, radius=0.4), CPU), list[torch.Tensor]()
+    surface = stage.surface
+    vars(stage)["surface"] = lambda face, *where: asked.append(face) or surface(face, *where)
+    assert score_geometry(stage, sphere(3, radius=0.5), views, 0.5)["depth"] > 0
+    assert len(asked) == len(views)
+    assert all(bool((face >= 0).all()) for face in asked)
