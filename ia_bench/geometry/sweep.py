@@ -8,7 +8,7 @@ matching (Hirschmueller 2008). Only depths inside the visual hull are asked, sin
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,19 +95,22 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     if farthest <= nearest:  # the camera looks away: its pose is one of those that may be wrong
         return empty
     depths = torch.arange(nearest, farthest, SPACING * hull.step)
-    points = origin + depths[:, None, None, None] * along  # (K, H, W, 3)
-    boxed = ((points >= hull.low) & (points <= hull.high)).all(-1)
-    inside = boxed & (hull.at(points.reshape(-1, 3)).reshape(boxed.shape) < hull.step)
+
+    def planes(depths: Tensor) -> Iterator[Tensor]:
+        """Points (K, H, W, 3) of a few planes at a time: those of all would take more memory than all else."""
+        return (origin + some[:, None, None, None] * along for some in depths.split(PLANES_AT_ONCE))
+
+    inside = torch.cat([_inside(hull, points) for points in planes(depths)])
     used = torch.nonzero(inside.flatten(1).any(1))[:, 0]
     if len(used) < 3:
         return empty
     part = slice(int(used[0]), int(used[-1]) + 1)
-    depths, points, inside = depths[part], points[part], inside[part]
+    depths, inside = depths[part], inside[part]
     # ---------------------------------------------------------------- agreement, and the depths that have most of it
     own = picture[:, rows, columns]
     parts = []
-    for some in points.split(PLANES_AT_ONCE):
-        seen = (looked_up(*other, some.reshape(-1, 3))[0].reshape(-1, *some.shape[:3]).movedim(0, 1) for other in others)
+    for points in planes(depths):
+        seen = (looked_up(*other, points.reshape(-1, 3))[0].reshape(-1, *points.shape[:3]).movedim(0, 1) for other in others)
         of_others = torch.stack([correlation(own, one) for one in seen])
         parts.append(of_others.topk(AGREEING, 0).values.mean(0))  # of those that agree most
     alike = torch.cat(parts)
@@ -121,6 +124,12 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     empty.depth[rows, columns] = torch.where(sure, depth, 0)
     empty.trust[rows, columns] = torch.where(sure, alike.gather(0, best[None])[0].clamp_min(0), 0)
     return empty
+
+
+def _inside(hull: DistanceGrid, points: Tensor) -> Tensor:
+    """Which points (..., 3) lie in the box of the hull and less than a cell outside of it, (...)."""
+    boxed = ((points >= hull.low) & (points <= hull.high)).all(-1)
+    return boxed & (hull.at(points.reshape(-1, 3)).reshape(boxed.shape) < hull.step)
 
 
 def correlation(one: Tensor, other: Tensor) -> Tensor:

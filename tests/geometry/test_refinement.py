@@ -14,7 +14,18 @@ from ia_bench.geometry.grid import DistanceGrid, extracted, normals_at
 from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.marching import Rays
 from ia_bench.geometry.refinement import surface_from_images, turned_away
-from ia_bench.geometry.sweep import WINDOW, DepthMap, correlation, depth_maps, fused, neighbours, redistanced, semi_global, windowed
+from ia_bench.geometry.sweep import (
+    PLANES_AT_ONCE,
+    WINDOW,
+    DepthMap,
+    correlation,
+    depth_maps,
+    fused,
+    neighbours,
+    redistanced,
+    semi_global,
+    windowed,
+)
 from ia_bench.scenes.scene import View
 
 CELLS = 40
@@ -107,6 +118,16 @@ def test_a_photograph_that_shows_nothing_of_the_object_has_no_depths(views: list
     first, *others = depth_maps([empty, *(views[near] for near in neighbours(views)[0])], grid)
     assert not first.depth.any()
     assert any(one.depth.any() for one in others)
+
+
+def test_memory_of_a_sweep_is_that_of_a_few_planes(views: list[View], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Photographs of phones have millions of pixels: points on all planes through them would take tens of gigabytes."""
+    hull, asked, at = visual_hull(views, CELLS), list[int](), DistanceGrid.at
+    monkeypatch.setattr(DistanceGrid, "at", lambda grid, points: asked.append(len(points)) or at(grid, points))
+    view = views[0]
+    assert depth_maps([view, *(views[near] for near in neighbours(views)[0])], hull)[0].depth.any()
+    assert max(asked) <= PLANES_AT_ONCE * view.mask.size
+    assert sum(asked) > 4 * max(asked)  # there are more of them
 
 
 def test_a_bowl_is_hollow(views: list[View]) -> None:
