@@ -88,9 +88,10 @@ lint: setup ## ruff, mypy, import contracts
 
 docs: setup $(DOCS_READY) ## every document as a site, results/docs/index.html; fails on a broken link (RUNS=FOLDER TABLE=NAME: the page of another table)
 	.venv/bin/ia-bench report $(or $(RUNS),docs/results/runs.csv docs/results/pictured) --out results/published --table $(if $(RUNS),$(TABLE),ablations) >/dev/null
+	$(PY) docs/site/settings.py results/published/settings.md
 	NO_MKDOCS_2_WARNING=1 $(DOCS) docs/site/build.py
 
-# The pages are made from the sources without importing them, hence a small environment of their own.
+# MkDocs reads the sources without importing them, hence a small environment of its own.
 $(DOCS_READY): docs/site/requirements.txt
 	$(PYTHON) -m venv --clear .venv-docs
 	.venv-docs/bin/pip install --quiet --disable-pip-version-check --no-deps -r $<

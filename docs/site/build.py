@@ -2,9 +2,10 @@
 
 Paths stay as they are in the repository, so that a link that works there works on the site; a link that leads nowhere fails the
 build, and so does a document that is neither in the navigation nor part of the log. Files that are no documents (a table, a
-picture, a module) are linked as they are. The tables of settings are made here (``settings.py``).
+picture, a module) are linked as they are.
 
-The page of the published table (``ia-bench report``), where ``make docs`` has written it, is the first that the home links to.
+What ``make docs`` has written before has its places: the tables of settings (``settings.py``), and the page of the published table
+(``ia-bench report``), which is the first that the home links to.
 """
 
 from __future__ import annotations
@@ -16,12 +17,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import settings
-
 ROOT = Path(__file__).resolve().parents[2]
 TOP = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
 FOLDERS = ("docs", "datasets", "examples", "baselines", "training", "ia_bench")
-SETTINGS = Path("docs/settings.md")
+SETTINGS, TABLES = Path("docs/settings.md"), Path("results/published/settings.md")
 REPORT, PLACE = Path("results/published/page"), Path("docs/results/page")
 """The report page in the repository's results, and where it is in the site."""
 FIRST = f"[The published table as a page]({PLACE}/index.html), to sort, to look at what was recovered, and behind every number."
@@ -66,9 +65,9 @@ def main(root: Path = ROOT) -> int:
         shutil.copyfile(path, place)
         if path.suffix == ".md":
             place.write_text(PICTURE.sub(r"[\1](\2)", path.read_text(encoding="utf-8")), encoding="utf-8")
-    if (stage / SETTINGS).is_file():
+    if (root / TABLES).is_file():
         with (stage / SETTINGS).open("a", encoding="utf-8") as page:
-            page.write("\n" + settings.page(root))
+            page.write("\n" + (root / TABLES).read_text(encoding="utf-8"))
     if (root / REPORT).is_dir():
         shutil.copytree(root / REPORT, stage / PLACE)
         title, _, text = (stage / "README.md").read_text(encoding="utf-8").partition("\n")
