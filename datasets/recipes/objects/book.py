@@ -16,7 +16,7 @@ import numpy as np
 
 from . import book_paint as paints
 from . import book_print as prints
-from .forms import mesh_object, smooth_path, tube_along_curve
+from .forms import cells, mesh_object, smooth_path, store_chart, tube_along_curve
 
 FLOOR = -0.652
 LEDGER, LEDGER_THICK = (1.14, 0.90), 0.22  # along the spine, from spine to fore-edge
@@ -57,7 +57,7 @@ def slab(
     """
     rows, columns, _ = layers[0].shape
     index = np.arange(rows * columns).reshape(rows, columns)
-    quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 4)
+    quads = cells(index)
     rim = np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
     between = [layer.reshape(-1, 3)[rim] for layer in layers[1:-1]]
     points = np.concatenate([layers[0].reshape(-1, 3), layers[-1].reshape(-1, 3), *between])
@@ -77,9 +77,7 @@ def slab(
         quads, charts = quads[:, ::-1], charts[:, ::-1]
     seen = np.isfinite(kind)
     item = mesh_object(name, points, quads[seen].tolist(), paint, sharp)
-    values = np.concatenate([charts, np.broadcast_to(kind[:, None, None], (*charts.shape[:2], 1))], axis=-1)[seen]
-    layer = item.data.attributes.new("chart", "FLOAT_VECTOR", "CORNER")
-    layer.data.foreach_set("vector", values.astype(np.float32).ravel())
+    store_chart(item, np.concatenate([charts, np.broadcast_to(kind[:, None, None], (*charts.shape[:2], 1))], axis=-1)[seen])
     return item
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from .forms import grid_surface, mesh_object, solid
+from .forms import cells, grid_surface, mesh_object, solid, store_chart, threads
 from .paint import Paint, Socket, Value
 
 DARKEST, BRIGHTEST = 0.03, 0.85
@@ -32,18 +32,10 @@ def stitches(name: str, starts: np.ndarray, ends: np.ndarray, up: np.ndarray, wi
     length = np.linalg.norm(ends - starts, axis=1, keepdims=True)
     along = (ends - starts) / length
     up = up / np.linalg.norm(up, axis=1, keepdims=True)
-    side = np.cross(along, up)
-    section = [0.5 * width * side, 0.45 * width * up, -0.5 * width * side]
-    vertices, faces = [], []
-    for i in range(len(starts)):
-        base = len(vertices)
-        low = -0.5 * width * up[i]
-        near, far = starts[i] + 0.2 * length[i] * along[i], ends[i] - 0.2 * length[i] * along[i]
-        vertices += [starts[i] + low, *(p + s[i] for p in (near, far) for s in section), ends[i] + low]
-        for j in range(3):
-            a, b = base + 1 + j, base + 1 + (j + 1) % 3
-            faces += [(base, a, b), (b, a, a + 3, b + 3), (b + 3, a + 3, base + 7)]
-    solid(name, np.array(vertices), faces, paint, sharp_deg=75.0)
+    side, low = np.cross(along, up), -0.5 * width * up
+    spines = [starts + low, starts + 0.2 * length * along, ends - 0.2 * length * along, ends + low]
+    sections = [0.5 * width * side, 0.45 * width * up, -0.5 * width * side]
+    solid(name, *threads(np.stack(spines, axis=1), np.stack(sections, axis=1)), paint, sharp_deg=75.0)
 
 
 def strip(name: str, points: np.ndarray, paint: bpy.types.Material, thickness: float, wide: np.ndarray | None = None) -> None:
@@ -159,12 +151,8 @@ class Skin:
         lift = np.where(over >= 1.0, -0.008, np.where(over > 0.9, 0.009 + ground, 0.014 + ground))
         lift = lift + 0.002 * rng.normal(size=s.shape) * (over < 0.9)
         points, _, x, y = laid(s, t, lift)
-        index = np.arange(81).reshape(9, 9)
-        quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 4)
-        item = mesh_object(name, points.reshape(-1, 3), quads.tolist(), cloth)
-        layer = item.data.attributes.new("chart", "FLOAT_VECTOR", "CORNER")
-        chart = np.stack([x, y, 0.0 * x], axis=-1).reshape(-1, 3)[quads.ravel()]
-        layer.data.foreach_set("vector", chart.astype(np.float32).ravel())
+        item = mesh_object(name, points.reshape(-1, 3), cells(np.arange(81).reshape(9, 9)).tolist(), cloth)
+        store_chart(item, cells(np.stack([x, y, 0.0 * x], axis=-1)))
 
         count = round(4.0 * (half[0] + half[1]) / 0.052)
         way = 4.0 * (np.arange(count) + 0.5 + rng.uniform(-0.2, 0.2, count)) / count

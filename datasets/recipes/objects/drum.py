@@ -11,7 +11,7 @@ import numpy as np
 
 from . import drum_paint as paints
 from .drum_paint import BOWL_BAND, COLLAR, FOOT_BAND, FOOT_MOTIFS, STEM_BAND, STEM_MOTIFS
-from .forms import frame, grid_surface, lathe, mesh_object, sheet, smooth_path, tube_along_curve
+from .forms import cells, frame, grid_surface, lathe, mesh_object, sheet, smooth_path, store_chart, threads, tube_along_curve
 
 TAU = 2.0 * np.pi
 COLUMNS = 60  # vertices round the shell
@@ -71,14 +71,10 @@ def endless(name: str, rings: np.ndarray, material: bpy.types.Material, length: 
     The attribute 'chart' holds the fraction round the section and the distance along, up to `length`.
     """
     rows, columns, _ = rings.shape
-    i, j = (index.ravel() for index in np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"))
-    right, ahead = (j + 1) % columns, (i + 1) % rows
-    faces = np.stack([i * columns + j, i * columns + right, ahead * columns + right, ahead * columns + j], axis=1)
-    item = mesh_object(name, rings.reshape(-1, 3), faces.tolist(), material, sharp_deg)
-    u = np.stack([j, j + 1, j + 1, j], axis=1) / columns
-    v = np.stack([i, i, i + 1, i + 1], axis=1) / rows * length
-    layer = item.data.attributes.new("chart", "FLOAT_VECTOR", "CORNER")
-    layer.data.foreach_set("vector", np.stack([u, v, 0.0 * u], axis=-1).astype(np.float32).ravel())
+    index = np.pad(np.arange(rows * columns).reshape(rows, columns), (0, 1), "wrap")
+    item = mesh_object(name, rings.reshape(-1, 3), cells(index).tolist(), material, sharp_deg)
+    v, u = np.meshgrid(np.arange(rows + 1) / rows * length, np.arange(columns + 1) / columns, indexing="ij")
+    store_chart(item, cells(np.stack([u, v, 0.0 * u], axis=-1)))
 
 
 def sections(path: np.ndarray, aside: np.ndarray, radius: float, twist: np.ndarray, sides: int) -> np.ndarray:
@@ -230,21 +226,15 @@ def _strap(leather: bpy.types.Material, thread: bpy.types.Material) -> None:
     bulge = 0.004 * (1.0 - across**2)[None, :, None]
     sheet("strap", path[:, None] + half * across[:, None] * wide[:, None] + bulge * face[:, None], leather, 0.014)
 
-    count, vertices, faces = 26, [], []
-    at = np.linspace(0.12, 0.97, count)
-    for middle in at:
+    spines, sections = [], []
+    for middle in np.linspace(0.12, 0.97, 26):
         for hand in (-0.74, 0.74):
             w = middle + np.array([-0.008, -0.005, 0.005, 0.008])
             p, e, f, d = (np.stack([np.interp(w, s, axis) for axis in v.T], axis=-1) for v in (path, wide, face, ahead))
             spine = p + (0.037 - 0.006 * middle) * hand * e + np.array([0.006, 0.0105, 0.0105, 0.006])[:, None] * f
-            spine = spine + hand * 0.004 * d * np.array([-1.0, -0.5, 0.5, 1.0])[:, None]
-            base = len(vertices)
-            thick = [-0.0042 * e[1], 0.0042 * f[1], 0.0042 * e[1]]
-            vertices += [spine[0], *(q + o for q in spine[1:3] for o in thick), spine[3]]
-            for j in range(3):
-                a, b = base + 1 + j, base + 1 + (j + 1) % 3
-                faces += [[base, a, b], [b, a, a + 3, b + 3], [b + 3, a + 3, base + 7]]
-    mesh_object("stitches", np.array(vertices), faces, thread, 70.0)
+            spines.append(spine + hand * 0.004 * d * np.array([-1.0, -0.5, 0.5, 1.0])[:, None])
+            sections.append([-0.0042 * e[1], 0.0042 * f[1], 0.0042 * e[1]])
+    mesh_object("stitches", *threads(np.array(spines), np.array(sections)), thread, 70.0)
 
 
 def _toggle(wood: bpy.types.Material) -> None:

@@ -16,6 +16,22 @@ from mathutils import Matrix, Vector
 
 
 # ---------------------------------------------------------------- surfaces
+def cells(grid: np.ndarray) -> np.ndarray:
+    """Corners (n, 4, ...) of the cells of a grid (rows, columns, ...), row by row; they face (d/d column) x (d/d row)."""
+    return np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2).reshape(-1, 4, *grid.shape[2:])
+
+
+def tube(rows: int, columns: int) -> list[list[int]]:
+    """Faces between rings of numbered points (rows, columns), each of which closes on itself."""
+    return cells(np.pad(np.arange(rows * columns).reshape(rows, columns), ((0, 0), (0, 1)), "wrap")).tolist()
+
+
+def store_chart(item: bpy.types.Object, corners: np.ndarray) -> None:
+    """Store three numbers for every corner of every face, in their order, as the attribute 'chart' for painting."""
+    layer = item.data.attributes.new("chart", "FLOAT_VECTOR", "CORNER")
+    layer.data.foreach_set("vector", np.asarray(corners, np.float32).ravel())
+
+
 def mesh_object(
     name: str, vertices: np.ndarray, faces: Sequence[Sequence[int]], material: bpy.types.Material, sharp_deg: float = 180.0
 ) -> bpy.types.Object:
@@ -50,13 +66,7 @@ def grid_surface(
         v, u = np.meshgrid(np.linspace(0.0, 1.0, rows), np.linspace(0.0, 1.0, columns + 1), indexing="ij")
         chart = np.stack([u, v, np.zeros_like(u)], axis=-1)
     vertices = np.vstack([points.reshape(-1, 3), points[0].mean(axis=0), points[-1].mean(axis=0)])
-    faces: list[list[int]] = []
-    corners: list[np.ndarray] = []
-    for i in range(rows - 1):
-        for j in range(columns):
-            k = (j + 1) % columns
-            faces.append([i * columns + j, i * columns + k, (i + 1) * columns + k, (i + 1) * columns + j])
-            corners += [chart[i, j], chart[i, j + 1], chart[i + 1, j + 1], chart[i + 1, j]]
+    faces, corners = tube(rows, columns), [*cells(chart).reshape(-1, 3)]
     for j in range(columns):
         k = (j + 1) % columns
         faces.append([k, j, rows * columns])
@@ -65,8 +75,7 @@ def grid_surface(
         faces.append([top + j, top + k, rows * columns + 1])
         corners += [chart[-1, j], chart[-1, j + 1], chart[-1].mean(axis=0)]
     item = mesh_object(name, vertices, faces, material, sharp_deg)
-    layer = item.data.attributes.new("chart", "FLOAT_VECTOR", "CORNER")
-    layer.data.foreach_set("vector", np.asarray(corners, np.float32).ravel())
+    store_chart(item, np.asarray(corners))
     return item
 
 
@@ -172,7 +181,7 @@ def sheet(
     """
     rows, columns, _ = points.shape
     index = np.arange(rows * columns).reshape(rows, columns)
-    quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 4)
+    quads = cells(index)
     flat = points.reshape(-1, 3)
     if thickness <= 0.0:
         return mesh_object(name, flat, quads.tolist(), material, sharp_deg)
@@ -204,10 +213,7 @@ def sweep(
     top /= np.linalg.norm(top, axis=1, keepdims=True)
     local = np.asarray(profile, float)
     rings = points[:, None] + local[None, :, :1] * right[:, None] + local[None, :, 1:] * top[:, None]
-    faces: list[tuple[int, ...]] = [
-        (i * m + j, i * m + (j + 1) % m, (i + 1) * m + (j + 1) % m, (i + 1) * m + j) for i in range(n - 1) for j in range(m)
-    ]
-    faces += [tuple(range(m)), tuple(range((n - 1) * m, n * m))]
+    faces = [*tube(n, m), range(m), range((n - 1) * m, n * m)]
     return solid(name, rings.reshape(-1, 3), faces, material, bevel)
 
 
@@ -225,13 +231,18 @@ def lathe(
     angles = np.linspace(0.0, 2.0 * np.pi, steps, endpoint=False)
     circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(steps)], axis=1)
     rings = np.array([radius * circle + (0.0, 0.0, height) for radius, height in profile])
-    faces = [
-        (k * steps + i, k * steps + (i + 1) % steps, (k + 1) * steps + (i + 1) % steps, (k + 1) * steps + i)
-        for k in range(len(profile) - 1)
-        for i in range(steps)
-    ]
     vertices = rings.reshape(-1, 3) @ turn.T + np.asarray(origin, float)
-    return solid(name, vertices, faces, material, sharp_deg=sharp_deg)
+    return solid(name, vertices, tube(len(profile), steps), material, sharp_deg=sharp_deg)
+
+
+def threads(spines: np.ndarray, sections: np.ndarray) -> tuple[np.ndarray, list[list[int]]]:
+    """Vertices and faces of short threads along `spines` (n, 4, 3): a point, twice the triangle `sections` (n, 3, 3), a point."""
+    rings = (spines[:, 1:3, None] + sections[:, None]).reshape(-1, 6, 3)
+    faces: list[list[int]] = []
+    for base in range(0, 8 * len(spines), 8):
+        for a, b in ((base + 1, base + 2), (base + 2, base + 3), (base + 3, base + 1)):
+            faces += [[base, a, b], [b, a, a + 3, b + 3], [b + 3, a + 3, base + 7]]
+    return np.concatenate([spines[:, :1], rings, spines[:, 3:]], axis=1).reshape(-1, 3), faces
 
 
 # ---------------------------------------------------------------- placement

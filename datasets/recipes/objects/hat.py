@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from . import hat_paint as paints
-from .forms import mesh_object
+from .forms import mesh_object, threads, tube
 from .hat_form import (
     ARC,
     BAND_MIDDLE,
@@ -145,19 +145,15 @@ def _hem(cloth: bpy.types.Material, thread: bpy.types.Material) -> None:
     chart = np.stack([*np.meshgrid(along, across), np.zeros((len(section), COLUMNS + 1))], axis=-1)
     skin("hem", rings, chart, cloth, caps=False, sharp=90.0)
 
-    count, vertices, faces = 92, [], []
+    count, spines, sections = 92, [], []
     for i in range(count):
         middle = 2.0 * np.pi * i / count
         at = middle + np.array([-0.019, -0.012, 0.012, 0.019])
-        spine = surface(RIM - 0.025, at, np.array([0.016, 0.0205, 0.0205, 0.016]))
+        spines.append(surface(RIM - 0.025, at, np.array([0.016, 0.0205, 0.0205, 0.016])))
         outward = np.array([np.cos(middle), np.sin(middle), 0.0])
-        section_of_thread = [0.0055 * outward, np.array([0.0, 0.0, 0.0055]), -0.0055 * outward]
-        base = len(vertices)
-        vertices += [spine[0], *(p + o for p in spine[1:3] for o in section_of_thread), spine[3]]
-        for j in range(3):
-            a, b = base + 1 + j, base + 1 + (j + 1) % 3
-            faces += [[base, a, b], [b, a, a + 3, b + 3], [b + 3, a + 3, base + 7]]
-    mesh_object("stitches", worn(np.array(vertices)), faces, thread, 70.0)
+        sections.append([0.0055 * outward, np.array([0.0, 0.0, 0.0055]), -0.0055 * outward])
+    vertices, faces = threads(np.array(spines), np.array(sections))
+    mesh_object("stitches", worn(vertices), faces, thread, 70.0)
 
 
 def _band(paint: bpy.types.Material) -> None:
@@ -239,13 +235,7 @@ def _block(paint: bpy.types.Material, steps: int = 44) -> None:
     ])  # fmt: skip
     turned = np.stack([np.column_stack([r * circle, np.full(steps, z)]) for r, z in foot])
     for name, points, posed in (("head", rings, worn), ("foot", turned, np.asarray)):
-        rows = len(points)
-        faces = [
-            [i * steps + j, i * steps + (j + 1) % steps, (i + 1) * steps + (j + 1) % steps, (i + 1) * steps + j]
-            for i in range(rows - 1)
-            for j in range(steps)
-        ]
-        faces.append(list(range(steps))[::-1])
+        faces = [*tube(len(points), steps), range(steps)[::-1]]
         mesh_object(name, posed(points.reshape(-1, 3)), faces, paint, 42.0)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .forms import mesh_object
+from .forms import cells, mesh_object, store_chart, tube
 
 PITCH = 0.0535  # width of one turn of the braid
 EYE = 0.02  # radius at which the spiral starts
@@ -83,8 +83,7 @@ def charted(
 ) -> bpy.types.Object:
     """Object in the hat's pose, with one chart triple per face corner."""
     item = mesh_object(name, worn(points), faces, paint, sharp)
-    layer = item.data.attributes.new("chart", "FLOAT_VECTOR", "CORNER")
-    layer.data.foreach_set("vector", np.array([corner for face in charts for corner in face], np.float32).ravel())
+    store_chart(item, np.concatenate(charts))
     return item
 
 
@@ -99,17 +98,12 @@ def skin(
 ) -> bpy.types.Object:
     """Surface through closed rings: `points` (rows, columns, 3), `chart` (rows, columns + 1, 3), flat end caps."""
     rows, columns, _ = points.shape
-    faces, charts = [], []
-    for i in range(rows - 1):
-        for j in range(columns):
-            k = (j + 1) % columns
-            faces.append([i * columns + j, i * columns + k, (i + 1) * columns + k, (i + 1) * columns + j])
-            charts.append([chart[i, j], chart[i, j + 1], chart[i + 1, j + 1], chart[i + 1, j]])
+    faces, charts = tube(rows, columns), [*cells(chart)]
     if caps:
         for j in range(columns // 2 - 1):  # strips between the two halves of the ring
             strip = [j, j + 1, columns - 2 - j, columns - 1 - j]
             faces += [strip[::-1], [(rows - 1) * columns + index for index in strip]]
-            charts += [list(chart[0, strip[::-1]]), list(chart[-1, strip])]
+            charts += [chart[0, strip[::-1]], chart[-1, strip]]
     return charted(name, points.reshape(-1, 3), faces, charts, paint, sharp)
 
 

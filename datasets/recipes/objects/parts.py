@@ -12,7 +12,7 @@ import numpy as np
 import bmesh  # bmesh and mathutils can be imported only after bpy
 from mathutils import Matrix, Vector
 
-from .forms import mesh_object
+from .forms import mesh_object, tube
 
 Part = tuple[list[tuple[float, float, float]], list[list[int]]]  # vertices, faces
 
@@ -51,13 +51,8 @@ def loft(rings: Sequence[Sequence[Sequence[float]]], start_cap: bool = True) -> 
     Without `start_cap` the first end stays open: for parts that stand in another one, where a cap would be hidden.
     """
     count, last = len(rings[0]), (len(rings) - 1) * len(rings[0])
-    faces = [
-        [base + side, base + (side + 1) % count, base + count + (side + 1) % count, base + count + side]
-        for base in range(0, last, count)
-        for side in range(count)
-    ]
     caps = [list(range(count))[::-1]] if start_cap else []
-    return [tuple(point) for ring in rings for point in ring], [*faces, *caps, list(range(last, last + count))]
+    return [tuple(point) for ring in rings for point in ring], [*tube(len(rings), count), *caps, list(range(last, last + count))]
 
 
 def rounded_rectangle(half_u: float, half_v: float, radius: float, steps: int) -> list[tuple[float, float]]:

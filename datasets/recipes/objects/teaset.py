@@ -8,7 +8,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .forms import box, lathe, sheet, smooth_path, tube_along_curve
+from .forms import box, lathe, sheet, smooth_path, store_chart, tube_along_curve
 from .paint import Paint, Socket
 
 TEAPOT, CUP, HONEY = (-0.20, 0.10), (0.40, -0.14), (0.42, 0.22)
@@ -181,5 +181,4 @@ def _cloth(linen: bpy.types.Material) -> None:
     chart = np.tile(np.stack([np.tile(across, rows), np.repeat(length, columns), np.zeros(rows * columns)], axis=1), (2, 1))
     corner = np.empty(len(item.data.loops), np.int32)
     item.data.loops.foreach_get("vertex_index", corner)
-    layer = item.data.attributes.new("chart", "FLOAT_VECTOR", "CORNER")
-    layer.data.foreach_set("vector", chart[corner].astype(np.float32).ravel())
+    store_chart(item, chart[corner])
