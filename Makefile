@@ -59,7 +59,7 @@ report: setup ## the report of a table's runs again, without running (TABLE=abla
 	.venv/bin/ia-bench report $(or $(RUNS),$(RESULTS)) --out $(RESULTS) --table $(TABLE) $(ARGS)
 
 test: setup ## the fast tests
-	$(PY) -m pytest -n 2 -m "not slow" $(ARGS)
+	$(PY) -m pytest -n 2 --dist worksteal -m "not slow" $(ARGS)
 
 test-slow: setup ## the slow tests: against Cycles, Ray, a real installation
 	$(PY) -m pytest -m slow $(ARGS)
