@@ -61,9 +61,10 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
 def _read_mesh(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     import trimesh
 
-    loaded = parsed_by_trimesh(path)
-    if path.suffix.lower() in (".glb", ".gltf"):
-        expect_plain_gltf(path, gltf_header(path)[0], uv=uv == "mesh")
+    header = gltf_header(path) if path.suffix.lower() in (".glb", ".gltf") and is_file(path) else None
+    loaded = parsed_by_trimesh(path, header)
+    if header is not None:
+        expect_plain_gltf(path, header, uv=uv == "mesh")
     textures = len(re.findall(rb"^comment TextureFile\b", ply_header(path), re.MULTILINE))
     if uv == "mesh" and textures > 1:  # whose coordinates lie over each other, and trimesh does not tell which face has which
         raise InputError(f"{path}: expected UV for one texture, found those for {textures}; run with reader.options.uv=xatlas")

@@ -22,11 +22,12 @@ if TYPE_CHECKING:
 
 EXTENSIONS = ("KHR_materials_", "KHR_texture_transform", "EXT_texture_webp")
 """How extensions begin that a glTF may require: they are of materials alone, which are no part of a mesh."""
-FAN, FLOAT = 6, 5126  # as the specification of glTF numbers them
+TRIANGLES, STRIP, FAN, FLOAT = 4, 5, 6, 5126  # as the specification of glTF numbers them
+INSTANCES = "EXT_mesh_gpu_instancing"
 
 
-def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa: ANN401 (a trimesh.Trimesh or Scene)
-    """What trimesh makes of a file, or of ``content`` in its place: parts, materials and places as they are stored.
+def parsed_by_trimesh(path: Path, header: dict[str, Any] | None = None) -> Any:  # noqa: ANN401 (a trimesh.Trimesh or Scene)
+    """What trimesh makes of a file: parts, materials and places as they are stored. ``header``: the JSON that a glTF is to have.
 
     Raises InputError for what is no readable mesh.
     """
@@ -38,7 +39,7 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
         """What the file refers to, such as materials: files alone, since a pipe could be waited for without an end."""
 
         def absolute(self, name: str) -> Path:
-            found = Path(super().absolute(name))
+            found = Path(super().absolute(name if header is None else unquote(name)))  # glTF has URIs
             if found.exists() and not found.is_file():
                 raise InputError(f"{shown(found)}: expected a file, found none")
             return found
@@ -49,7 +50,6 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
     relative = re.search(rb"^f\b[^\n]*[\s/]-", text, re.MULTILINE)
     if relative and b"\nv" in text[relative.end() :]:  # trimesh counts them from the end of the file
         raise InputError(f"{path}: expected faces that count vertices backwards after all vertices, found vertices after them")
-    source = path if content is None else io.BytesIO(content)
     kind = path.suffix.lower().removeprefix(".")
     # Vertices are split by UV only where a PLY has those of faces: else trimesh would drop vertices, and all stored normals.
     options: Any = {"process": False, "fix_texture": b" texcoord" in ply_header(path), "resolver": Beside(str(path))}
@@ -58,11 +58,11 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of numpy and Pillow: what is wrong with a file is said in a sentence of ours
             logger.disabled = True  # and a texture that is not there, of which it would print a traceback, is no part of a mesh
+            source = path if header is None else io.BytesIO(_gltf_for_trimesh(path, header))
             loaded: Any = trimesh.load(source, file_type=kind, **options)
             # Of split vertices trimesh keeps no normals, or those of others where there are as many.
             if options["fix_texture"] and hasattr(loaded, "faces"):
-                again = path if content is None else io.BytesIO(content)
-                whole: Any = trimesh.load(again, file_type=kind, **options | {"fix_texture": False})
+                whole: Any = trimesh.load(path, file_type=kind, **options | {"fix_texture": False})
                 if (stored := stored_normals(whole)) is not None:
                     normals = np.zeros(loaded.vertices.shape)
                     normals[loaded.faces] = stored[whole.faces]
@@ -74,10 +74,10 @@ def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa:
         logger.disabled = was
 
 
-def gltf_header(path: Path) -> tuple[dict[str, Any], int]:
-    """The JSON of a glTF file, and where the chunks behind it begin in a .glb, which are not read. Raises InputError."""
+def gltf_header(path: Path) -> dict[str, Any]:
+    """The JSON of a glTF file; the chunks behind it in a .glb are not read. Raises InputError."""
     if path.suffix.lower() == ".gltf":
-        return read_json(path), 0
+        return read_json(path)
     try:
         with path.open("rb") as file:
             magic, version, _, size, kind = struct.unpack("<4sIII4s", file.read(20))
@@ -88,7 +88,22 @@ def gltf_header(path: Path) -> tuple[dict[str, Any], int]:
             raise ValueError
     except (struct.error, ValueError, RecursionError):
         raise InputError(f"{path}: expected a binary glTF 2.0 file, found another or a damaged one") from None
-    return header, 20 + size
+    return header
+
+
+def _gltf_for_trimesh(path: Path, header: dict[str, Any]) -> bytes:
+    """The glTF file with another JSON, less cameras and lines: trimesh loses a node that has one, and what hangs below it."""
+    for node in header.get("nodes", []):
+        node.pop("camera", None)
+        drawn = header["meshes"][node["mesh"]]["primitives"] if "mesh" in node else []
+        if all(primitive.get("mode", TRIANGLES) not in (TRIANGLES, STRIP) for primitive in drawn):
+            node.pop("mesh", None)
+    text = json.dumps(header).encode()
+    if path.suffix.lower() == ".gltf":
+        return text
+    content = path.read_bytes()
+    text, rest = text + b" " * (-len(text) % 4), content[20 + struct.unpack_from("<I", content, 12)[0] :]
+    return struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON") + text + rest
 
 
 def expect_plain_gltf(path: Path, header: Mapping[str, Any], *, uv: bool = True) -> None:
@@ -97,22 +112,26 @@ def expect_plain_gltf(path: Path, header: Mapping[str, Any], *, uv: bool = True)
     ``uv``: whether texture coordinates count.
     """
     found = [name for name in header.get("extensionsRequired", []) if not name.startswith(EXTENSIONS)]
-    accessors = dict(enumerate(header.get("accessors", [])))
-    for primitive in (one for mesh in header.get("meshes", []) for one in mesh.get("primitives", [])):
-        stored = {name: accessors.get(number, {}) for name, number in primitive.get("attributes", {}).items()}
+    accessors, meshes, nodes = dict(enumerate(header.get("accessors", []))), header.get("meshes", []), header.get("nodes", [])
+    found += ["morph targets with weights"] * any(any(one.get("weights", ())) for one in (*meshes, *nodes))
+    found += ["a skin"] * any("skin" in node for node in nodes)
+    found += [INSTANCES] * any(INSTANCES in node.get("extensions", {}) for node in nodes)
+    for primitive in (one for mesh in meshes for one in mesh.get("primitives", [])):
+        numbers = {**primitive.get("attributes", {}), "indices": primitive.get("indices")}
+        stored = {name: accessors.get(number, {}) for name, number in numbers.items()}
         whole = uv and stored.get("TEXCOORD_0", {}).get("componentType", FLOAT) != FLOAT
         sparse = any("sparse" in accessor for accessor in stored.values())
         found += ["whole numbers for TEXCOORD_0"] * whole + ["sparse accessors"] * sparse
         found += ["triangle fans"] * (primitive.get("mode") == FAN)
     if found:
-        expected = "expected triangles with plain coordinates in floating point, as exporters write them without compression"
+        expected = "expected triangles with plain coordinates in floating point, as exporters write them at rest and uncompressed"
         raise InputError(f"{path}: {expected}, found {', '.join(dict.fromkeys(found))}")
 
 
 def named_by_gltf(path: Path, *kinds: str) -> list[Path]:
     """The files beside a glTF that it names as "buffers" or "images"; none of another file, or of one that cannot be read."""
     try:
-        header = gltf_header(path)[0] if path.suffix.lower() in (".gltf", ".glb") and path.is_file() else {}
+        header = gltf_header(path) if path.suffix.lower() in (".gltf", ".glb") and path.is_file() else {}
         listed = [one for kind in kinds for one in header.get(kind, [])]
         uris = [str(one.get("uri", "data:")) for one in listed]
         return [file for uri in uris if not uri.startswith("data:") and (file := path.parent / unquote(uri)).is_file()]

@@ -11,10 +11,8 @@ metallic in blue. Else, without a roughness, the Phong exponent ``Ns`` stands fo
 
 from __future__ import annotations
 
-import json
 import math
 import re
-import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -102,7 +100,7 @@ REPEAT = 10497  # as the specification numbers it
 
 def _gltf(path: Path, note: Note) -> Parts:
     """Parts and materials of a glTF file; trimesh reads geometry and pictures, factors are taken from the file, unrounded."""
-    header, end = gltf_header(path)
+    header = gltf_header(path)
     expect_plain_gltf(path, header)
     materials = header.setdefault("materials", [])
     used = {IGNORED[key] for material in materials for key in IGNORED if key in material}
@@ -116,10 +114,6 @@ def _gltf(path: Path, note: Note) -> Parts:
     for primitive in (one for mesh in header.get("meshes", []) for one in mesh.get("primitives", [])):
         primitive.setdefault("material", len(materials))  # of its own where there is none: trimesh would round its colours
     materials.append({"name": str(len(materials)), "_name": ""})
-    text = json.dumps(header).encode()
-    if path.suffix.lower() == ".glb":
-        text, rest = text + b" " * (-len(text) % 4), path.read_bytes()[end:]
-        text = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON") + text + rest
     parts, surfaces = [], dict[str, Surface]()
     metals = [one for one in materials[:-1] if not METALLIC & one.get("pbrMetallicRoughness", {}).keys()]
     if metals:
@@ -127,7 +121,7 @@ def _gltf(path: Path, note: Note) -> Parts:
         note(f"{path.name}: no metallicFactor of {names}, which in glTF is metal: 0 says that it is none")
     if used:
         note(f"{path.name}: {', '.join(sorted(used))} left out: materials here have base colour, roughness and metallic")
-    for mesh, matrix, normals in placed_parts(parsed_by_trimesh(path, text)):
+    for mesh, matrix, normals in placed_parts(parsed_by_trimesh(path, header)):
         material = getattr(mesh.visual, "material", None)
         number = int(getattr(material, "name", len(materials) - 1))
         plain, said = f"material {number}", shown(materials[number]["_name"])

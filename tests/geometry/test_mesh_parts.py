@@ -64,8 +64,36 @@ def packed(header: dict[str, Any], number: int) -> None:
     header["extensionsRequired"] = ["EXT_meshopt_compression"]
 
 
+def sparse_faces(header: dict[str, Any], number: int) -> None:
+    place = header["meshes"][number]["primitives"][0]["indices"]
+    header["accessors"][place]["sparse"] = {"count": 1, "indices": {"bufferView": 0, "componentType": 5125}, "values": {}}
+
+
+def morphed(header: dict[str, Any], number: int) -> None:
+    header["meshes"][number]["primitives"][0]["targets"] = [{"POSITION": 0}]
+    header["meshes"][number]["weights"] = [0.5]
+
+
+def of_node(key: str, value: Any) -> Callable[[dict[str, Any], int], None]:
+    def spoil(header: dict[str, Any], number: int) -> None:
+        (node,) = [node for node in header["nodes"] if node.get("mesh") == number]
+        node[key] = value
+
+    return spoil
+
+
 @pytest.mark.parametrize(
-    ("spoil", "found"), [(fan, "triangle fans"), (sparse, "sparse accessors"), (packed, "EXT_meshopt_compression")]
+    ("spoil", "found"),
+    [
+        (fan, "triangle fans"),
+        (sparse, "sparse accessors"),
+        (sparse_faces, "sparse accessors"),
+        (packed, "EXT_meshopt_compression"),
+        (morphed, "morph targets with weights"),
+        (of_node("weights", [0, 0.5]), "morph targets with weights"),
+        (of_node("skin", 0), "a skin"),
+        (of_node("extensions", {"EXT_mesh_gpu_instancing": {"attributes": {}}}), "EXT_mesh_gpu_instancing"),
+    ],
 )
 def test_a_gltf_of_which_parts_would_be_lost_is_refused(tmp_path: Path, spoil: Callable[..., None], found: str) -> None:
     path = written(tmp_path / "mesh.gltf", (part(HARD), np.eye(4)), (part(HARD, 0.5), placing(np.eye(3))))
@@ -75,6 +103,27 @@ def test_a_gltf_of_which_parts_would_be_lost_is_refused(tmp_path: Path, spoil: C
     path.write_text(json.dumps(header))
     with pytest.raises(InputError, match=rf"mesh\.gltf: expected triangles with plain coordinates .*, found {found}$"):
         load_mesh(path)
+
+
+@pytest.mark.parametrize("below", ["a camera", "a camera with a mesh", "lines"])
+def test_what_hangs_below_a_camera_or_lines_is_read_where_it_lies(tmp_path: Path, below: str) -> None:
+    """trimesh leaves such nodes out, with their places; files are named by URIs, in which a blank is %20."""
+    path = written(tmp_path / "mesh.gltf", (part(HARD), np.eye(4)), (part(HARD, 0.5), placing(np.eye(3))))
+    header = json.loads(path.read_text())
+    (first, second) = [number for number, node in enumerate(header["nodes"]) if "mesh" in node]
+    node = (
+        {"translation": [0, 0, 7], "camera": 0} if "camera" in below else {"translation": [0, 0, 7], "mesh": len(header["meshes"])}
+    )
+    header["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}}]
+    header["meshes"].append({"primitives": [{"mode": 3, "attributes": header["meshes"][0]["primitives"][0]["attributes"]}]})
+    header["nodes"].append(node | ({"mesh": header["nodes"][first]["mesh"]} if "with" in below else {"children": [first]}))
+    header["scenes"][0]["nodes"] = [second, len(header["nodes"]) - 1]
+    for buffer in header["buffers"]:
+        (tmp_path / buffer["uri"]).rename(tmp_path / f"its {buffer['uri']}")
+        buffer["uri"] = f"its%20{buffer['uri']}"
+    path.write_text(json.dumps(header))
+    mesh, _ = load_mesh(path)
+    assert sorted(mesh.vertices[:, 2].tolist()) == [2, 2, 2, 7, 7, 7]
 
 
 # ---------------------------------------------------------------- texture coordinates of several materials
