@@ -44,13 +44,15 @@ def parsed_by_trimesh(path: Path, header: dict[str, Any] | None = None) -> Any: 
                 raise InputError(f"{shown(found)}: expected a file, found none")
             return found
 
-    text = path.read_bytes() if path.suffix.lower() == ".obj" else b""
-    if re.search(rb"^f\b[^\n]*[\s/]0+(?![0-9])", text, re.MULTILINE):
-        raise InputError(f"{path}: expected faces of vertices that are counted from 1, found vertex 0")
-    relative = re.search(rb"^f\b[^\n]*[\s/]-", text, re.MULTILINE)
-    if relative and b"\nv" in text[relative.end() :]:  # trimesh counts them from the end of the file
-        raise InputError(f"{path}: expected faces that count vertices backwards after all vertices, found vertices after them")
     kind = path.suffix.lower().removeprefix(".")
+    text = obj_text(path) if kind == "obj" else ""
+    if re.search(r"^f\b[^\n]*[\s/]0+(?![0-9])", text, re.MULTILINE):
+        raise InputError(f"{path}: expected faces of vertices that are counted from 1, found vertex 0")
+    relative = re.search(r"^f\b[^\n]*[\s/]-", text, re.MULTILINE)
+    if relative and "\nv" in text[relative.end() :]:  # trimesh counts them from the end of the file
+        raise InputError(f"{path}: expected faces that count vertices backwards after all vertices, found vertices after them")
+    if all(re.search(rf"^f -?\d+{kinds}-?\d+\s", text, re.MULTILINE) for kinds in ("/", "//")):  # trimesh looks at the first alone
+        raise InputError(f"{path}: expected texture coordinates in all faces or in none, found v/vt beside v//vn")
     # Vertices are split by UV only where a PLY has those of faces: else trimesh would drop vertices, and all stored normals.
     options: Any = {"process": False, "fix_texture": b" texcoord" in ply_header(path), "resolver": Beside(str(path))}
     logger, was = trimesh.util.log, trimesh.util.log.disabled
@@ -58,8 +60,8 @@ def parsed_by_trimesh(path: Path, header: dict[str, Any] | None = None) -> Any: 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of numpy and Pillow: what is wrong with a file is said in a sentence of ours
             logger.disabled = True  # and a texture that is not there, of which it would print a traceback, is no part of a mesh
-            source = path if header is None else io.BytesIO(_gltf_for_trimesh(path, header))
-            loaded: Any = trimesh.load(source, file_type=kind, **options)
+            content = text.encode() if header is None else _gltf_for_trimesh(path, header)
+            loaded: Any = trimesh.load(io.BytesIO(content) if content else path, file_type=kind, **options)
             # Of split vertices trimesh keeps no normals, or those of others where there are as many.
             if options["fix_texture"] and hasattr(loaded, "faces"):
                 whole: Any = trimesh.load(path, file_type=kind, **options | {"fix_texture": False})
@@ -72,6 +74,16 @@ def parsed_by_trimesh(path: Path, header: dict[str, Any] | None = None) -> Any: 
         raise InputError(f"{path}: not a readable mesh ({type(error).__name__}: {error})") from None
     finally:
         logger.disabled = was
+
+
+def obj_text(path: Path) -> str:
+    """The text of an OBJ file without comments, where each key begins its line and has a blank behind it.
+
+    trimesh leaves out faces that are indented or have a tab there, and takes commented materials for used ones.
+    """
+    text = re.sub(r"^[ \t]*#.*$", "", path.read_text(encoding="utf-8-sig", errors="replace"), flags=re.MULTILINE)
+    text = re.sub(r"^[ \t]*(v[tn]?|f|usemtl|mtllib)[ \t]+", r"\1 ", text.replace("\\\n", " "), flags=re.MULTILINE)
+    return re.sub(r"^((?:v[tn]?|f) [^#\n]*)#.*$", r"\1", text, flags=re.MULTILINE)
 
 
 def gltf_header(path: Path) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from ia_bench.geometry.mesh_files import (
     expect_plain_gltf,
     gltf_header,
     named_by_gltf,
+    obj_text,
     parsed_by_trimesh,
     placed_parts,
     stored_normals,
@@ -196,8 +197,11 @@ def _obj(path: Path, note: Note) -> Parts:
     materials = _material_file(path)
     if materials is None:
         raise InputError(f"{path}: expected mtllib FILE.mtl, which says where the textures are, found none")
-    said = _mtl(materials)
-    if re.search(rb"^v([ \t]+[^\s#]+){6}", path.read_bytes(), re.MULTILINE):
+    said, text = _mtl(materials), obj_text(path)
+    used = (" ".join(name.split()) for name in re.findall(r"^usemtl (.+)$", text, re.MULTILINE))
+    if (lacking := next((name for name in used if name not in said), None)) is not None:
+        raise InputError(f"{path}: usemtl {shown(lacking)}: expected a material of {materials.name}, found none of that name")
+    if re.search(r"^v([ \t]+\S+){6}", text, re.MULTILINE):
         note(f"{path.name}: colours of vertices are left out: in OBJ nobody says how they are encoded; glTF has them")
     meshes = list(loaded.geometry.values()) if hasattr(loaded, "geometry") else [loaded]
     parts, surfaces = [], dict[str, Surface]()
@@ -216,8 +220,8 @@ def _obj(path: Path, note: Note) -> Parts:
 
 def _material_file(path: Path) -> Path | None:
     """The file that ``mtllib`` names; None without such a line. Raises InputError where it is not there."""
-    with path.open(encoding="utf-8", errors="replace") as lines:
-        name = next((line.strip()[7:].strip() for line in lines if line.startswith(("mtllib ", "mtllib\t"))), None)
+    with path.open(encoding="utf-8-sig", errors="replace") as lines:
+        name = next((line.strip()[6:].strip() for line in lines if line.split(maxsplit=1)[:1] == ["mtllib"]), None)
     return None if name is None else file_below(path.parent, name, f"{path}: mtllib")
 
 

@@ -1,6 +1,7 @@
 """The mesh reader: what it repairs and says, what it refuses; on copies of the mesh of `tiny` broken in one place."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -87,6 +88,39 @@ def test_an_obj_counts_from_one(tmp_path: Path) -> None:
     path.write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
     with pytest.raises(
         InputError, match=r"mesh\.obj: expected vertices and faces of three numbers each, found \(3, 2\) and \(1, 3\)"
+    ):
+        load_mesh(path)
+
+
+ODD_LINES = {
+    "tabs": lambda text: text.replace("f ", "f\t").replace("v ", "v\t").replace("vt ", "vt \t"),
+    "one tab": lambda text: text.replace("f 1/1 3", "f\t1/1 3"),
+    "indented": lambda text: text.replace("f 1/1 3", "  f 1/1 3"),
+    "comments behind": lambda text: re.sub("^(.*)$", r"\1 # f 1/1 2/2 4/4", text, flags=re.MULTILINE),
+    "a comment that ends with a backslash": lambda text: "# C:\\models\\\n" + text,
+    "a line that goes on": lambda text: text.replace("2/2 3/3", "2/2\\\n3/3"),
+    "line ends": lambda text: text.replace("\n", "\r"),
+    "byte order mark": lambda text: "\ufeff" + text,
+}
+
+
+@pytest.mark.parametrize("case", ODD_LINES)
+def test_lines_of_an_obj_are_read_however_they_are_written(tmp_path: Path, case: str) -> None:
+    """trimesh alone leaves out faces, vertices, or all."""
+    text = QUAD + "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
+    for name, content in (("plain.obj", text), ("mesh.obj", ODD_LINES[case](text))):
+        (tmp_path / name).write_text(content, newline="")
+    plain, mesh = (load_mesh(tmp_path / name)[0] for name in ("plain.obj", "mesh.obj"))
+    assert len(plain.faces) == 2
+    np.testing.assert_array_equal(mesh.vertices[mesh.faces], plain.vertices[plain.faces])
+    np.testing.assert_array_equal(mesh.uv[mesh.faces], plain.uv[plain.faces])
+
+
+def test_texture_coordinates_and_normals_are_not_taken_for_each_other(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.obj"
+    path.write_text(QUAD + 4 * "vn 0 0 1\n" + "f 1/1 2/2 3/3\nf 1//1 3//3 4//4\n")
+    with pytest.raises(
+        InputError, match=r"mesh\.obj: expected texture coordinates in all faces or in none, found v/vt beside v//vn"
     ):
         load_mesh(path)
 

@@ -157,6 +157,13 @@ def test_colours_of_vertices_in_an_obj_are_left_out_with_a_note(tmp_path: Path) 
     assert (asset.albedo == 0.5).all()
 
 
+def test_what_is_commented_in_an_obj_is_not_used(tmp_path: Path) -> None:
+    faces = "usemtl one\nf 1/1 2/2 3/3\n# usemtl two\nf 2/2 4/4 3/3\n"
+    asset, _ = read(obj(tmp_path, "newmtl one\nKd .5 .5 .5\nPr .3\nnewmtl two\nKd .1 .1 .1\nPr .9\n", faces))
+    assert (asset.albedo == 0.5).all()
+    assert (asset.roughness == np.float32(0.3)).all()
+
+
 def test_several_materials_share_one_texture_and_keep_their_values(tmp_path: Path) -> None:
     wide, tall = picture(0, 4, 16), picture(1, 8, 2)
     mtl = "newmtl one\nmap_Kd wide.png\nPr .25\nnewmtl two\nmap_Kd tall.png\nmap_Pr tall.png\nnewmtl three\nKd .1 .2 .3\nPr 1\n"

@@ -76,7 +76,11 @@ OBJ_MISTAKES = {
     "texture absent": ("newmtl one\nmap_Kd gone.png", "map_Kd: gone.png: no such file"),
     "moved texture": ("newmtl one\nmap_Kd -s 2 2 1 kd.png", "found one that is moved"),
     "no number": ("newmtl one\nKd a b c", "Kd: expected 3 number(s) >= 0"),
-    "other name": ("newmtl two\nKd 1 1 1\nnewmtl three\nKd 1 1 1", "expected usemtl before every face"),
+    "other name": (
+        "newmtl two\nKd 1 1 1\nnewmtl three\nKd 1 1 1",
+        "usemtl one: expected a material of my materials.mtl, found none",
+    ),
+    "one other name": ("newmtl two\nKd 1 1 1", "usemtl one: expected a material of my materials.mtl, found none"),
     "empty": ("", "expected newmtl NAME, found none"),
 }
 
