@@ -84,8 +84,8 @@ def asset_files(path: Path) -> list[Path]:
         if path.suffix.lower() == ".obj":
             materials = _material_file(path)
             values = _mtl(materials).values() if materials else ()
-            names = {name for lines in values for key, name in lines.items() if key.startswith("map_")}
-            beside = [materials.parent / _texture_name(materials, name) for name in names] if materials else []
+            names = {_texture_of(line)[0] for lines in values for key, line in lines.items() if key.startswith("map_")}
+            beside = [materials.parent / name for name in names] if materials else []
             return [path, *([materials] if materials else []), *sorted(file for file in beside if file.is_file())]
     except (InputError, OSError, TypeError, AttributeError, ValueError):  # told when it is read
         return [path]
@@ -258,7 +258,12 @@ def _mtl_surface(path: Path, name: str, said: Mapping[str, str], note: Note) -> 
     def image(key: str, *, srgb: bool = False) -> np.ndarray | None:
         if key not in said:
             return None
-        file = file_below(path.parent, _texture_name(path, said[key]), f"{where}: map_{key[4:].capitalize()}")
+        line = f"{where}: map_{key[4:].capitalize()}"
+        name, changed = _texture_of(said[key])
+        if changed:
+            expected = "expected the texture as it is, where its coordinates are"
+            raise InputError(f"{line}: {expected}, found one that is moved or of other values: {shown(said[key])}")
+        file = file_below(path.parent, name, line)
         if file.suffix.lower() == ".exr":
             stored = read_exr(file, None, grey=True)[..., :3]
             return np.broadcast_to(stored, (*stored.shape[:2], 3))
@@ -289,20 +294,23 @@ def _mtl_surface(path: Path, name: str, said: Mapping[str, str], note: Note) -> 
     return Surface(albedo, roughness, metallic)
 
 
-def _texture_name(path: Path, line: str) -> str:
-    """The file of a map's line. Raises InputError for options that move the texture."""
-    words = line.split()
+UNCHANGED: dict[str, tuple[int, ...]] = {"-mm": (0, 1), "-o": (0, 0, 0), "-s": (1, 1, 1), "-t": (0, 0, 0)}
+"""Options of maps with several numbers, and those that change nothing."""
+
+
+def _texture_of(line: str) -> tuple[str, bool]:
+    """The file of a map's line, and whether options move the texture or change its values."""
+    words, changed = line.split(), False
     while words and words[0].startswith("-"):
         option = words.pop(0)
-        count = {"-mm": 2, "-o": 3, "-s": 3, "-t": 3}.get(option, 1)
-        values = words[:count]
-        while option in ("-o", "-s", "-t") and values and not _is_number(values[-1]):  # the last ones may be left out
+        stays = UNCHANGED.get(option, ())
+        values = words[: len(stays) or 1]
+        while stays and values and not _is_number(values[-1]):  # the last ones may be left out
             values.pop()
-        stays = ["0", "1"][option == "-s"]
-        if option in ("-o", "-s", "-t") and any(float(value) != float(stays) for value in values):
-            raise InputError(f"{path}: expected textures where their coordinates are, found one that is moved: {shown(line)}")
+        changed |= any(float(value) != stay for value, stay in zip(values, stays, strict=False))
+        changed |= option == "-imfchan" and values != ["r"]
         words = words[len(values) :]
-    return " ".join(words).replace("\\", "/")
+    return " ".join(words).replace("\\", "/"), changed
 
 
 def _is_number(word: str) -> bool:

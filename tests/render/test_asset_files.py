@@ -164,6 +164,14 @@ def test_what_is_commented_in_an_obj_is_not_used(tmp_path: Path) -> None:
     assert (asset.roughness == np.float32(0.3)).all()
 
 
+def test_files_of_an_asset_are_known_whatever_happens_to_a_map_that_is_left_out(tmp_path: Path) -> None:
+    path = obj(
+        tmp_path, "newmtl one\nmap_Kd kd.png\nmap_Bump -s 2 2 1 n.png\nmap_d -imfchan m kd.png\n", kd=picture(0), n=picture(1)
+    )
+    assert {file.name for file in asset_files(path)} == {"mesh.obj", "my materials.mtl", "kd.png", "n.png"}
+    read(path)
+
+
 def test_several_materials_share_one_texture_and_keep_their_values(tmp_path: Path) -> None:
     wide, tall = picture(0, 4, 16), picture(1, 8, 2)
     mtl = "newmtl one\nmap_Kd wide.png\nPr .25\nnewmtl two\nmap_Kd tall.png\nmap_Pr tall.png\nnewmtl three\nKd .1 .2 .3\nPr 1\n"

@@ -76,6 +76,8 @@ OBJ_MISTAKES = {
     "texture absent": ("newmtl one\nmap_Kd gone.png", "map_Kd: gone.png: no such file"),
     "moved texture": ("newmtl one\nmap_Kd -s 2 2 1 kd.png", "found one that is moved"),
     "no number": ("newmtl one\nKd a b c", "Kd: expected 3 number(s) >= 0"),
+    "changed values": ("newmtl one\nmap_Kd -mm 0 0.5 kd.png", "found one that is moved or of other values"),
+    "another channel": ("newmtl one\nKd 1 1 1\nmap_Pr -imfchan g kd.png", "found one that is moved or of other values"),
     "other name": (
         "newmtl two\nKd 1 1 1\nnewmtl three\nKd 1 1 1",
         "usemtl one: expected a material of my materials.mtl, found none",
