@@ -240,6 +240,10 @@ def _mtl(path: Path) -> dict[str, dict[str, str]]:
     return found
 
 
+NOTHING = {"d": 1, "tr": 0, "ke": 0}
+"""Numbers that say that there is nothing to leave out."""
+
+
 def _mtl_surface(path: Path, name: str, said: Mapping[str, str], note: Note) -> Surface:
     where = f"{path}: {name}"
 
@@ -281,8 +285,9 @@ def _mtl_surface(path: Path, name: str, said: Mapping[str, str], note: Note) -> 
     if painted is not None and colour is not None and (colour != 1).any():
         note(f"{where}: map_Kd is taken for the albedo as it is, and Kd {said['kd']} beside it left out")
     ignored = {"norm": "normal map", "bump": "normal or bump map", "map_bump": "normal or bump map"}
-    for key, what in (ignored | {"map_d": "transparency", "map_ke": "light of its own"}).items():
-        if key in said:
+    ignored |= {"map_d": "transparency", "d" if "d" in said else "tr": "transparency"}  # some write Tr as d
+    for key, what in (ignored | {"map_ke": "light of its own", "ke": "light of its own"}).items():
+        if key in said and not all(_is_number(word) and float(word) == NOTHING.get(key) for word in said[key].split()):
             note(f"{where}: its {what} ({key}) is left out: materials here have albedo, roughness and metallic")
     packed = image("map_ks") if "bsdf" in said else None
     green, blue = (None, None) if packed is None else (packed[..., 1:], packed[..., 2:])

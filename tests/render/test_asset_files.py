@@ -172,6 +172,21 @@ def test_files_of_an_asset_are_known_whatever_happens_to_a_map_that_is_left_out(
     read(path)
 
 
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        ("Ke 0 0 0\nd 1.0\nTr 1", []),
+        ("Ke 5 5 5", ["light of its own (ke)"]),
+        ("d .3", ["transparency (d)"]),
+        ("Tr .7", ["transparency (tr)"]),
+        ("Tr 0.0", []),
+    ],
+)
+def test_light_and_transparency_of_mtl_are_told(tmp_path: Path, lines: str, told: list[str]) -> None:
+    _, notes = read(obj(tmp_path, f"newmtl one\nKd .5 .5 .5\nPr .3\n{lines}\n"))
+    assert [note.partition("its ")[2].partition(" is left out")[0] for note in notes if "left out" in note] == told
+
+
 def test_several_materials_share_one_texture_and_keep_their_values(tmp_path: Path) -> None:
     wide, tall = picture(0, 4, 16), picture(1, 8, 2)
     mtl = "newmtl one\nmap_Kd wide.png\nPr .25\nnewmtl two\nmap_Kd tall.png\nmap_Pr tall.png\nnewmtl three\nKd .1 .2 .3\nPr 1\n"
