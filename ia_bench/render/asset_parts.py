@@ -133,6 +133,8 @@ def _gltf(path: Path, note: Note) -> Parts:
         uv, colours = getattr(mesh.visual, "uv", None), getattr(mesh.visual, "vertex_attributes", {}).get("color")
         if colours is not None:  # linear, as glTF has them, whatever their type
             colours = np.asarray(colours, np.float32)[:, :3] / (np.iinfo(colours.dtype).max if colours.dtype.kind == "u" else 1)
+            if (wrong := colours[~((colours >= 0) & np.isfinite(colours))]).size:
+                raise InputError(f"{path}: {name}: expected colours of vertices of 0 and more, found {wrong[0]:.4g}")
             colours = None if (colours == 1).all() else colours  # white changes nothing
         if uv is not None and np.floor(uv.min(0) + OUTSIDE).any() and not _repeats(header, number):
             raise InputError(f"{path}: {name}: expected textures that repeat, or coordinates within 0 ... 1, found neither")

@@ -1,6 +1,7 @@
 """Meshes with textures of other programs that cannot be read as they are meant: one sentence each."""
 
 import re
+from base64 import b64encode
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,22 @@ def test_what_is_not_done_of_gltf_is_refused(tmp_path: Path, case: str) -> None:
     change, said = GLTF_MISTAKES[case]
     with pytest.raises(InputError, match=re.escape(said)):
         read(gltf(tmp_path / "a.glb", change, UV + [1, 0], baseColorTexture=Image.fromarray(picture(0))))
+
+
+@pytest.mark.parametrize("value", [-0.5, np.nan, np.inf])
+def test_colours_of_vertices_that_are_none_are_refused(tmp_path: Path, value: float) -> None:
+    colours = np.full((4, 4), 0.5, np.float32)
+    colours[2, 1] = value
+
+    def coloured(header: dict[str, Any]) -> None:
+        place = header["accessors"][header["meshes"][0]["primitives"][0]["attributes"]["POSITION"]] | {"type": "VEC4"}
+        header["buffers"].append({"uri": f"data:;base64,{b64encode(colours.tobytes()).decode()}", "byteLength": colours.nbytes})
+        header["bufferViews"].append({"buffer": len(header["buffers"]) - 1, "byteLength": colours.nbytes})
+        header["accessors"].append(place | {"bufferView": len(header["bufferViews"]) - 1, "byteOffset": 0})
+        header["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = len(header["accessors"]) - 1
+
+    with pytest.raises(InputError, match=r"a\.glb: material 0: expected colours of vertices of 0 and more, found"):
+        read(gltf(tmp_path / "a.glb", coloured))
 
 
 OBJ_MISTAKES = {
