@@ -19,7 +19,7 @@ import torch
 from PIL import Image
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.mesh import sound_mesh, unwrap
+from ia_bench.geometry.mesh import smooth_normals, sound_mesh, unwrap
 from ia_bench.geometry.mesh_files import joined_normals, turned_normals, wound
 from ia_bench.light.environment import turned
 from ia_bench.material.textures import fetch
@@ -254,6 +254,12 @@ def _reduced(surface: Surface, size: int | None) -> Surface:
 
 def _joined(path: Path, parts: Sequence[Part], note: Note) -> Mesh:
     """One mesh of all parts."""
+    bare = [part.material for part in parts if part.normals is None]
+    if 0 < len(bare) < len(parts):  # or the others would lose theirs
+        note(f"{path.name}: no normals stored of {', '.join(dict.fromkeys(bare))}; smooth normals computed")
+        parts = [
+            part if part.normals is not None else replace(part, normals=smooth_normals(part.vertices, part.faces)) for part in parts
+        ]
     counts = [len(part.vertices) for part in parts]
     faces = np.concatenate([part.faces + first for part, first in zip(parts, np.cumsum([0, *counts]), strict=False)])
     normals = joined_normals(counts, [part.normals for part in parts])

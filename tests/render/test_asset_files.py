@@ -187,6 +187,21 @@ def test_light_and_transparency_of_mtl_are_told(tmp_path: Path, lines: str, told
     assert [note.partition("its ")[2].partition(" is left out")[0] for note in notes if "left out" in note] == told
 
 
+def test_parts_without_normals_cost_the_others_none(tmp_path: Path) -> None:
+    hard = np.array([[0.6, 0, 0.8]] * 4)
+    parts = [
+        trimesh.Trimesh(VERTICES + place, FACES, vertex_normals=normals, visual=trimesh.visual.TextureVisuals(uv=UV), process=False)
+        for place, normals in ((0, hard), (9, None))
+    ]
+    content = trimesh.Scene(parts).export(file_type="glb")
+    (tmp_path / "a.glb").write_bytes(content)
+    asset, notes = read(tmp_path / "a.glb", up="z")
+    bare = asset.mesh.vertices[:, 0] > 5
+    np.testing.assert_allclose(asset.mesh.normals[~bare], hard, atol=1e-6)
+    assert (np.abs(asset.mesh.normals[bare] - hard) > 0.1).any(1).all()
+    assert any("no normals stored of" in note for note in notes)
+
+
 def test_several_materials_share_one_texture_and_keep_their_values(tmp_path: Path) -> None:
     wide, tall = picture(0, 4, 16), picture(1, 8, 2)
     mtl = "newmtl one\nmap_Kd wide.png\nPr .25\nnewmtl two\nmap_Kd tall.png\nmap_Pr tall.png\nnewmtl three\nKd .1 .2 .3\nPr 1\n"
