@@ -96,7 +96,7 @@ def asset_files(path: Path) -> list[Path]:
 IGNORED = {"normalTexture": "a normal map", "emissiveTexture": "light of its own", "occlusionTexture": "an occlusion map"}
 OTHER_MODEL = "KHR_materials_pbrSpecularGlossiness"
 METALLIC = {"metallicFactor", "metallicRoughnessTexture"}
-REPEAT = 10497  # as the specification numbers it
+REPEAT, NEAREST = 10497, 9728  # as the specification numbers them
 
 
 def _gltf(path: Path, note: Note) -> Parts:
@@ -107,6 +107,7 @@ def _gltf(path: Path, note: Note) -> Parts:
     used = {IGNORED[key] for material in materials for key in IGNORED if key in material}
     used |= {"transparency" for material in materials if material.get("alphaMode", "OPAQUE") != "OPAQUE"}
     used |= {"light of its own" for material in materials if any(material.get("emissiveFactor", ()))}
+    used |= {"the filter NEAREST" for sampler in header.get("samplers", []) if sampler.get("magFilter") == NEAREST}
     used |= {extension for material in materials for extension in material.get("extensions", ())}
     for number, material in enumerate(materials):  # so that trimesh says which one it means
         material["name"], material["_name"] = str(number), material.get("name") or f"material {number}"
@@ -121,7 +122,7 @@ def _gltf(path: Path, note: Note) -> Parts:
         names = ", ".join(shown(one["_name"]) for one in metals)
         note(f"{path.name}: no metallicFactor of {names}, which in glTF is metal: 0 says that it is none")
     if used:
-        note(f"{path.name}: {', '.join(sorted(used))} left out: materials here have base colour, roughness and metallic")
+        note(f"{path.name}: {', '.join(sorted(used))} left out: materials here have base colour, roughness and metallic, bilinear")
     for mesh, matrix, normals in placed_parts(parsed_by_trimesh(path, header)):
         material = getattr(mesh.visual, "material", None)
         number = int(getattr(material, "name", len(materials) - 1))
