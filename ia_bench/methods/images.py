@@ -24,7 +24,7 @@ from ia_bench.methods.info import HeldOut, MethodInfo
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import expect_radiance
 from ia_bench.scenes.images import Images
-from ia_bench.scenes.photograph import read_stored
+from ia_bench.scenes.photograph import read_stored, unit_alpha
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -135,7 +135,9 @@ class BroughtPictures:
     def _files(self, name: str, views: HeldOut) -> list[Path]:
         """The file of each view. Raises InputError naming those that have none."""
         folder, order = self._folder / name, self._options.order
-        files = {path.stem: path for suffix in reversed(SUFFIXES) for path in sorted(folder.glob(f"[!.]*{suffix}"))}
+        there = [path for suffix in SUFFIXES for path in sorted(folder.glob(f"[!.]*{suffix}"))]
+        expect_distinct(f"{folder}: expected one picture, .exr or .png, of a name", [path.stem for path in there])
+        files = {path.stem: path for path in there}
         wanted = [view for view, _ in views[name]]
         expect_distinct(f"{folder}: expected views of different names", wanted)
         if order == "sorted":
@@ -162,7 +164,7 @@ class BroughtPictures:
 
         path, grey = self.paths[folder][camera_key(camera)], folder == "roughness"
         stored = read_stored(path, grey=grey)
-        alpha = stored[..., 3].clip(0, 1) if stored.shape[-1] == 4 else np.ones(stored.shape[:2], np.float32)
+        alpha = unit_alpha(path, stored[..., 3]) if stored.shape[-1] == 4 else np.ones(stored.shape[:2], np.float32)
         image = stored[..., :3]
         if path.suffix == ".png":
             encoding = (self._options.albedo_encoding if folder == "albedo" else None) or self._options.encoding

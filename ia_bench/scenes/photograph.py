@@ -77,10 +77,15 @@ def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray,
         image[..., :3] = image[..., :3].clip(min=0)
     if image.shape[-1] == 3:
         return image, np.ones(image.shape[:2], np.float32)
-    wrong = (image[..., 3] < 0) | (image[..., 3] > 1 + ALPHA_ROUNDING)
+    return image[..., :3], unit_alpha(path, image[..., 3])
+
+
+def unit_alpha(path: Path, alpha: np.ndarray) -> np.ndarray:
+    """An alpha (H, W), less what rounding left beyond 0 to 1. Raises InputError for more than that."""
+    wrong = (alpha < 0) | (alpha > 1 + ALPHA_ROUNDING)
     if wrong.any():
-        raise InputError(f"{path}: expected alpha from 0 to 1, found {image[..., 3][wrong][0]:g} in {int(wrong.sum())} pixel(s)")
-    return image[..., :3], image[..., 3].clip(0, 1)
+        raise InputError(f"{path}: expected alpha from 0 to 1, found {alpha[wrong][0]:g} in {int(wrong.sum())} pixel(s)")
+    return alpha.clip(0, 1)
 
 
 def read_values(path: Path) -> np.ndarray:

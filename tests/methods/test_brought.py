@@ -227,7 +227,21 @@ MISTAKES: dict[str, tuple[Callable[[Path], object], dict[str, str], str]] = {
         {},
         "2.exr: expected 32 x 32 pixels like its view, found",
     ),
-    "negative": (exr("albedo/0000.exr", 4, lambda image: -image), {}, "expected radiance, found the negative value"),
+    "negative": (
+        exr("albedo/0000.exr", 4, lambda image: image * [-1, -1, -1, 1]),
+        {},
+        "expected radiance, found the negative value",
+    ),
+    "alpha of bytes": (
+        exr("albedo/0000.exr", 4, lambda image: image * [1, 1, 1, 255]),
+        {},
+        "0000.exr: expected alpha from 0 to 1, found",
+    ),
+    "both suffixes": (
+        lambda folder: shutil.copy(folder / "albedo/0001.exr", folder / "albedo/0001.png"),
+        {},
+        "albedo: expected one picture, .exr or .png, of a name, found 2 called 0001",
+    ),
     "no encoding": (as_png("albedo/0000.exr", "RGB"), {}, "0000.png: expected method.options.encoding=srgb or linear"),
     "grey albedo": (as_png("albedo/0000.exr", "L"), {"encoding": "srgb"}, "expected red, green and blue, found a picture in grey"),
     "one channel": (exr("albedo/0000.exr", 4, lambda image: image[..., :1]), {}, "expected channels R, G, B, found Y"),
