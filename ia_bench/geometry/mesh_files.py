@@ -44,6 +44,10 @@ def parsed_by_trimesh(path: Path, header: dict[str, Any] | None = None) -> Any: 
                 raise InputError(f"{shown(found)}: expected a file, found none")
             return found
 
+        def get(self, name: str) -> bytes:
+            """What a file holds; trimesh would also take one of that name in another folder, which no run knows as its own."""
+            return self.absolute(name).read_bytes()
+
     kind = path.suffix.lower().removeprefix(".")
     text = obj_text(path) if kind == "obj" else ""
     if re.search(r"^f\b[^\n]*[\s/]0+(?![0-9])", text, re.MULTILINE):

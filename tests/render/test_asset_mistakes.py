@@ -72,6 +72,13 @@ def test_what_is_not_done_of_gltf_is_refused(tmp_path: Path, case: str) -> None:
         read(gltf(tmp_path / "a.glb", change, UV + [1, 0], baseColorTexture=Image.fromarray(picture(0))))
 
 
+def test_a_picture_of_another_folder_is_not_taken(tmp_path: Path) -> None:
+    Image.fromarray(picture(1)).save(tmp_path / "kd.png")
+    elsewhere = set_in("images", 0, value={"uri": "textures/kd.png"})
+    with pytest.raises(InputError, match="expected a picture"):
+        read(gltf(tmp_path / "a.glb", elsewhere, baseColorTexture=Image.fromarray(picture(0))))
+
+
 @pytest.mark.parametrize("value", [-0.5, np.nan, np.inf])
 def test_colours_of_vertices_that_are_none_are_refused(tmp_path: Path, value: float) -> None:
     colours = np.full((4, 4), 0.5, np.float32)
