@@ -17,6 +17,22 @@ from ia_bench.common.errors import InputError, printable
 DIGITS = 300  # of a whole number, which then is also a float
 
 
+class _OnceEach(yaml.SafeLoader):
+    """Reads YAML as its standard has it, and not as PyYAML does: of a key that stands twice, that would take the last."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:  # noqa: ANN401 (PyYAML's)
+        """The table as it is written, before others are merged into it. Raises MarkedYAMLError for a key of before."""
+        node = super().compose_mapping_node(anchor)
+        known = set[str]()
+        for key, _ in node.value:
+            if str(key.value) in known:
+                raise yaml.MarkedYAMLError(
+                    problem=f"expected every key once, found another {key.value}", problem_mark=key.start_mark
+                )
+            known.add(str(key.value))
+        return node
+
+
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON object: UTF-8 text with finite numbers, as the standard has it. Raises InputError, naming the file."""
     return _table_in(path, "JSON", partial(json.loads, parse_constant=_refuse_constant, parse_int=_whole))
@@ -24,7 +40,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read a YAML table; an empty file is an empty table. Raises InputError, naming the file."""
-    return _table_in(path, "YAML", lambda text: {} if (content := yaml.safe_load(text)) is None else content)
+    return _table_in(path, "YAML", lambda text: {} if (content := yaml.load(text, _OnceEach)) is None else content)
 
 
 def user_path(key: str, text: str, *, folder: bool = False) -> Path:

@@ -56,6 +56,8 @@ def test_bad_table_file_is_named() -> None:
             for override in ("seed=3", "scene=hat", "+scene.path=x", "threads=2", "row=b", "out=there", "reader=dtu", "hydra.job=1")
         ),
         ("seeds: []", "seeds: expected at least one"),
+        ("seeds: [0]\nseeds: [1]", r"bad\.yaml: not valid YAML \(expected every key once, found another seeds .*line 2"),
+        ("rows: [{name: a, name: b, overrides: []}]", "expected every key once, found another name "),
         ("rows: [", r"bad\.yaml: not valid YAML"),
         ("[1]", r"bad\.yaml: expected a YAML table, found list"),
         (bytes(range(256)), r"bad\.yaml: expected YAML as UTF-8 text"),
@@ -175,3 +177,9 @@ def test_what_a_row_fills_in_is_that_of_each_scene_and_seed(tmp_path: Path) -> N
     scene = SceneEntry("mine", "nerfstudio", f"{tmp_path}/seed_${{seed}}")
     cells = make_cells(replace(table, scenes=[scene]), TableRequest(), 1, Path("results/t"))
     assert {Path(cell.config.scene.path).name for cell in cells if cell.seed == 1} == {"seed_1"}
+
+
+def test_tables_may_repeat_what_they_merge() -> None:
+    """A key of a table that is merged into another is no key that stands twice."""
+    Path("t.yaml").write_text("rows:\n- &one {name: a, overrides: []}\n- {<<: *one, name: b}\n- {<<: *one, name: c}\n")
+    assert [row.name for row in load_table("t.yaml").rows] == ["a", "b", "c"]
