@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -184,6 +185,11 @@ def _check(table: Table) -> None:
     for where, what, found, known in wanted:
         if found not in known:
             raise InputError(f"{where}: {unknown(what, found, known)}")
+    claimed = Counter((frozenset((one.better, one.worse)), metric) for one in table.claims for metric in one.metrics)
+    for (two, metric), count in claimed.items():  # twice would be two of a family, of which then fewer are decided
+        if count > 1 or len(two) < 2:
+            found = f"{' and '.join(sorted(two))} {f'{count} times' if count > 1 else 'alone'}"
+            raise InputError(f"claims: expected two rows, and these once in {metric}, found {found}")
     for row in table.rows:
         for override in row.overrides:
             refuse_own(override, "threads", "reader.", "hydra", where=f"rows: {row.name}: overrides: ")

@@ -14,6 +14,7 @@ from ia_bench.runs.composition import compose
 from ia_bench.runs.identity import hash_of, identity
 from ia_bench.runs.table import Claim, Row, SceneEntry, Table, capture_of, crossed_name, load_table, rows_in, some_rows
 
+TWO = "rows: [{name: a, overrides: []}, {name: b, overrides: []}]\n"
 BAD_NAMES = ('""', '" "', '"a\\nb"', '"a\\0b"', "a" * 5000)
 
 
@@ -58,6 +59,9 @@ def test_bad_table_file_is_named() -> None:
         ("seeds: []", "seeds: expected at least one"),
         ("seeds: [0]\nseeds: [1]", r"bad\.yaml: not valid YAML \(expected every key once, found another seeds .*line 2"),
         ("rows: [{name: a, name: b, overrides: []}]", "expected every key once, found another name "),
+        (f"{TWO}claims: [{{better: a, worse: a}}]", "claims: expected two rows, .* in albedo.psnr, found a alone$"),
+        (f"{TWO}claims: [{{better: a, worse: b}}, {{better: b, worse: a, metrics: [relighting.psnr]}}]", "found a and b 2 times$"),
+        (f"{TWO}claims: [{{better: a, worse: b, metrics: [light.psnr, light.psnr]}}]", "in light.psnr, found a and b 2 times$"),
         ("rows: [", r"bad\.yaml: not valid YAML"),
         ("[1]", r"bad\.yaml: expected a YAML table, found list"),
         (bytes(range(256)), r"bad\.yaml: expected YAML as UTF-8 text"),
