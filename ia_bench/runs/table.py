@@ -185,6 +185,10 @@ def _check(table: Table) -> None:
     for where, what, found, known in wanted:
         if found not in known:
             raise InputError(f"{where}: {unknown(what, found, known)}")
+    if table.curve and table.reference is None:
+        raise InputError(
+            f"curve: expected a reference beside it, which these rows are with more work, found none: {table.curve[0]}"
+        )
     claimed = Counter((frozenset((one.better, one.worse)), metric) for one in table.claims for metric in one.metrics)
     for (two, metric), count in claimed.items():  # twice would be two of a family, of which then fewer are decided
         if count > 1 or len(two) < 2:

@@ -59,6 +59,7 @@ def test_bad_table_file_is_named() -> None:
         ("seeds: []", "seeds: expected at least one"),
         ("seeds: [0]\nseeds: [1]", r"bad\.yaml: not valid YAML \(expected every key once, found another seeds .*line 2"),
         ("rows: [{name: a, name: b, overrides: []}]", "expected every key once, found another name "),
+        (f"{TWO}curve: [b]", "curve: expected a reference beside it, .*, found none: b$"),
         (f"{TWO}claims: [{{better: a, worse: a}}]", "claims: expected two rows, .* in albedo.psnr, found a alone$"),
         (f"{TWO}claims: [{{better: a, worse: b}}, {{better: b, worse: a, metrics: [relighting.psnr]}}]", "found a and b 2 times$"),
         (f"{TWO}claims: [{{better: a, worse: b, metrics: [light.psnr, light.psnr]}}]", "in light.psnr, found a and b 2 times$"),
