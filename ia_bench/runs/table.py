@@ -194,9 +194,12 @@ def _check(table: Table) -> None:
         if count > 1 or len(two) < 2:
             found = f"{' and '.join(sorted(two))} {f'{count} times' if count > 1 else 'alone'}"
             raise InputError(f"claims: expected two rows, and these once in {metric}, found {found}")
+    photographed = {name for settings in table.captures for name in flat(settings, "capture.")}
     for row in table.rows:
         for override in row.overrides:
             refuse_own(override, "threads", "reader.", "hydra", where=f"rows: {row.name}: overrides: ")
+            if key_of(override) in photographed:  # which would take its place, or be called by a label without it
+                raise InputError(f"rows: {row.name}: overrides: {override}: expected none of the table's captures, which set this")
     for what, several in (("rows", names), ("scenes", table.scene_names)):
         if len(set(several)) != len(several):
             raise InputError(f"{what}: expected different names, found {', '.join(several)}")

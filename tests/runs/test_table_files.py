@@ -63,6 +63,10 @@ def test_bad_table_file_is_named() -> None:
         (f"{TWO}claims: [{{better: a, worse: a}}]", "claims: expected two rows, .* in albedo.psnr, found a alone$"),
         (f"{TWO}claims: [{{better: a, worse: b}}, {{better: b, worse: a, metrics: [relighting.psnr]}}]", "found a and b 2 times$"),
         (f"{TWO}claims: [{{better: a, worse: b, metrics: [light.psnr, light.psnr]}}]", "in light.psnr, found a and b 2 times$"),
+        (
+            "captures: [{views: 8}, {}]\nrows: [{name: a, overrides: [capture.views=4]}]",
+            "rows: a: overrides: capture.views=4: expected",
+        ),
         ("rows: [", r"bad\.yaml: not valid YAML"),
         ("[1]", r"bad\.yaml: expected a YAML table, found list"),
         (bytes(range(256)), r"bad\.yaml: expected YAML as UTF-8 text"),
