@@ -172,6 +172,10 @@ def make_cells(
             broken(f"{row.name}: left out: {error}")
     if not cells:
         raise InputError(f"table {request.name}: expected at least one row and one scene, found none")
+    first: dict[Path, Cell] = {}
+    for cell in cells:
+        if (other := first.setdefault(cell.folder, cell)) is not cell:  # of which a report would show one
+            raise InputError(f"{cell.folder}: expected the folder of one run, found {other.name} and {cell.name}")
     return cells
 
 

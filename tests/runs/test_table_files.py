@@ -188,6 +188,13 @@ def test_what_a_row_fills_in_is_that_of_each_scene_and_seed(tmp_path: Path) -> N
     assert {Path(cell.config.scene.path).name for cell in cells if cell.seed == 1} == {"seed_1"}
 
 
+def test_two_rows_whose_runs_would_lie_in_one_folder_are_refused() -> None:
+    """They are one run, since a row's name decides no number; a report would show the second row alone."""
+    table = Table(scenes=["tiny"], rows=[Row(name, ["prior=none"]) for name in ("w/o x", "w o x")])
+    with pytest.raises(InputError, match="expected the folder of one run, found tiny / w/o x / seed 0 and tiny / w o x / seed 0$"):
+        make_cells(table, TableRequest(), 1, Path("results/t"))
+
+
 def test_tables_may_repeat_what_they_merge() -> None:
     """A key of a table that is merged into another is no key that stands twice."""
     Path("t.yaml").write_text("rows:\n- &one {name: a, overrides: []}\n- {<<: *one, name: b}\n- {<<: *one, name: c}\n")
