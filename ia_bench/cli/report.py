@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from ia_bench.common.errors import InputError, unknown
+from ia_bench.common.errors import InputError, listed, unknown
 from ia_bench.common.exit_codes import OK, complain, exits, say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
@@ -46,7 +46,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise InputError("--only: expected --table NAME beside it, found none")
     table = _compared_with(load_table(wanted.table) if wanted.table else _table_of(folders), wanted.reference)
     rows = [row.name for row in table.crossed_rows]
-    published = [run for path in tables for run in read_published(path) if not wanted.only or run["row"] in rows]
+    every = [run for path in tables for run in read_published(path)]
+    published = [run for run in every if not wanted.only or run["row"] in rows]
+    if every and not published:
+        found = listed(dict.fromkeys(run["row"] for run in every))
+        raise InputError(f"--only: expected runs of a row of table {wanted.table} ({listed(rows)}), found {found}")
     first = wanted.runs[0] if wanted.runs[0].name not in ("", "..") else wanted.runs[0].resolve()
     out = wanted.out or first.with_name(f"{first.stem if wanted.runs[0] in tables else first.name}-report")
     make_writable(out, "--out")

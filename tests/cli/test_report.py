@@ -173,3 +173,14 @@ def test_what_a_prior_was_worth_goes_where_no_table_says_so_any_more(tmp_path: P
     assert not (tmp_path / "photographs.csv").exists()
     assert reported(Table(), [""], tmp_path) == set()
     assert not any((tmp_path / name).exists() for name in FILES)
+
+
+def test_published_runs_of_which_none_is_of_the_table_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They are there: what is missing are rows, not runs."""
+    monkeypatch.chdir(tmp_path)
+    Path("runs.csv").write_text("row,scene,seed,albedo_psnr\nnone,hat,0,20\nours,hat,0,21\n")
+    Path("t.yaml").write_text("rows: [{name: nome, overrides: []}]")
+    assert main(["runs.csv", "--table", "t.yaml", "--only", "--out", "out"]) == 2
+    assert "--only: expected runs of a row of table t.yaml (nome), found none, ours" in capsys.readouterr().err
