@@ -231,7 +231,8 @@ def analyse(collection: Collection, table: Table | None = None, rows: Sequence[s
     notes += [f"left out, no record of a run: {problem}" for problem in collection.unreadable] + _mixed_rows(runs)
     uncurved = runs[runs["curve_problem"].notna()].to_dict("records")
     notes += [f"{name_of(run)}: no curve: {run['curve_problem']}" for run in uncurved]
-    return Findings(protocol, table, runs, rows, scenes, reference, counterparts(table.papers), tuple(notes))
+    papers = {row: one for row, one in counterparts(table.papers).items() if row in rows}  # the paper left no photographs out
+    return Findings(protocol, table, runs, rows, scenes, reference, papers, tuple(notes))
 
 
 def _ordered(first: Sequence[str], found: Iterable[str]) -> tuple[str, ...]:

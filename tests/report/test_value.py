@@ -194,3 +194,13 @@ def test_the_heat_map_can_be_read_in_a_page_of_800_pixels() -> None:
         nine = TextPath((0, 0), "0", size=text.get_fontsize() * figure.dpi / 72).get_extents()
         assert nine.height >= 9, text.get_text()
         assert text.axes is figure.axes[2] or text.get_window_extent().width < cell or text in text.axes.get_yticklabels()
+
+
+def test_a_row_stands_for_the_papers_where_no_photograph_is_left_out() -> None:
+    """Else a part of the report compares with the paper, and has no line."""
+    rows = [replace(row, paper="Ours") if row.name == "kernel" else row for row in TABLE.rows]
+    collection = Collection(as_table([run("kernel, 8 views", "hat", 0, 20.0)]))
+    for captures, expected in (([{"views": 8}], []), ([{"views": 8}, {}], ["kernel"])):
+        findings = analyse(collection, replace(TABLE, rows=rows, captures=captures))
+        assert list(findings.counterparts) == expected
+        assert bool(findings.paper) == bool(expected)
