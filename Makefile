@@ -76,7 +76,7 @@ stability: setup ## extreme inputs, one line each, against what the answer must 
 stiffness: setup ## how stiff the shipped scenes are, and what their images confuse (some minutes)
 	$(PY) -m benchmarks.stiffness $(or $(SCENES),$(SHIPPED) tiny) --out results/stiffness $(ARGS)
 
-work-precision: setup ## error against run time: forward and inverse (ARGS="--scene tiny --out FOLDER")
+work-precision: setup ## error against run time of renders (ARGS="--scene tiny --out FOLDER")
 	$(PY) -m benchmarks.work_precision $(ARGS)
 
 lint: setup ## ruff, mypy, import contracts

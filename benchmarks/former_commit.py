@@ -1,6 +1,6 @@
-"""Error against run time of whole fits: this code beside a former commit and, where it is installed, Mitsuba 3 with Adam.
+"""Error against run time of whole fits: this code beside a former commit.
 
-    python -m benchmarks.former_commit COMMIT [--scene hat] [--rounds 5] [--mitsuba] [--out results/former] [OVERRIDE...]
+    python -m benchmarks.former_commit COMMIT [--scene hat] [--rounds 5] [--out results/former] [OVERRIDE...]
 
 Every fit is a run of its own, `ia-bench run prior=none threads=1` with the OVERRIDEs, in a process whose clock is the CPU
 time of its one thread; the sides take turns, round after round, with the seed of the round. Of each it prints when a level of the
@@ -26,7 +26,7 @@ from ia_bench.report.curves import save
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 
 METRICS = {"aligned_albedo_psnr": "aligned albedo, dB", "relighting_psnr": "relighting, dB"}
-NOW, MITSUBA = "this code", "Mitsuba 3 + Adam"
+NOW = "this code"
 RUN = """
 import sys, time
 time.perf_counter = time.process_time
@@ -99,7 +99,6 @@ def main() -> None:
     parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help="of ia-bench run, for all sides")
     parser.add_argument("--scene", default="hat")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--mitsuba", action="store_true", help="a third side: method=mitsuba_adam")
     parser.add_argument("--out", type=Path, default=Path("results/former"))
     wanted = parser.parse_intermixed_args()
     here = Path(__file__).resolve().parents[1]
@@ -108,14 +107,12 @@ def main() -> None:
         former = Path(scratch) / "former"
         subprocess.run(["git", "-C", here, "worktree", "add", "--quiet", "--detach", former, wanted.commit], check=True)
         try:
-            sides = {NOW: (here, ["prior=none"]), wanted.commit: (former, ["prior=none"])}
-            if wanted.mitsuba:
-                sides[MITSUBA] = here, ["method=mitsuba_adam"]
+            sides = {NOW: here, wanted.commit: former}
             curves: dict[str, list[Curve]] = {side: [] for side in sides}
             for number in range(wanted.rounds):
-                for index, (side, (code, own)) in enumerate(sides.items()):
+                for index, (side, code) in enumerate(sides.items()):
                     scene = f"scene.path={resolve_scene_folder(SceneConfig(wanted.scene))}"
-                    overrides = [*own, scene, f"seed={number}", *wanted.overrides]
+                    overrides = ["prior=none", scene, f"seed={number}", *wanted.overrides]
                     curves[side].append(curve_of(code, Path(scratch) / f"{index}-{number}", overrides))
         finally:
             subprocess.run(["git", "-C", here, "worktree", "remove", "--force", former], check=True)

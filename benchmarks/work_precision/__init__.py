@@ -1,1 +1,1 @@
-"""Error against run time of renders and whole fits: ``python -m benchmarks.work_precision``."""
+"""Error against run time of renders: ``python -m benchmarks.work_precision``."""

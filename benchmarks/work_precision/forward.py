@@ -1,4 +1,4 @@
-"""The forward half of the work-precision diagrams: one view rendered in every way, error against seconds."""
+"""One view rendered in every way, error against seconds: the rows of the work-precision diagrams."""
 
 from __future__ import annotations
 
