@@ -1,4 +1,4 @@
-"""What docs/architecture.md says must be written to add a prior, a loss, a metric or a reader: each is done here.
+"""What docs/architecture.md says must be written to add a loss, a metric or a reader: each is done here.
 
 The files of a walk are those of its row in the table there, no more and no fewer, in a folder where nothing else is.
 """
@@ -29,18 +29,6 @@ version = "0.1"
 
 [project.entry-points."ia_bench.{kind}s"]
 {name} = "{name}:{attribute}"
-"""
-
-PRIOR = """
-from ia_bench.priors.contract import PriorInfo, Samples
-
-
-class MyPrior:
-    info = PriorInfo(provides=frozenset({"albedo"}), coupling="targets")
-
-    def sample(self, observations, *, seed, guidance=None):
-        images = observations.images
-        return Samples({"albedo": images / images.amax((1, 2, 3), keepdim=True).clamp_min(1e-6)})
 """
 
 LOSS = """
@@ -104,7 +92,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "argv", ["ia_bench"])
     yield tmp_path
-    for name in ("my_prior", "my_loss", "my_reader"):
+    for name in ("my_loss", "my_reader"):
         sys.modules.pop(name, None)
 
 
@@ -128,16 +116,6 @@ def metrics() -> dict[str, object]:
     found: dict[str, object] = json.loads(Path("result/metrics.json").read_text())
     assert found["status"] == "ok"
     return found
-
-
-def test_a_prior(folder: Path, tiny_folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    files = {"my_prior.py": PRIOR}
-    assert stated("a prior") == files.keys()
-    write(folder, files)
-    assert check(["prior=my_prior:MyPrior"]) == 0
-    assert run(["prior=my_prior:MyPrior", f"scene.path={tiny_folder}", *SHORT]) == 0
-    assert metrics()["row"] == "my_prior:MyPrior"
-    assert "coupling: targets, which the prior recommends" in capfd.readouterr().err
 
 
 def test_a_loss(folder: Path, tiny_folder: Path, capfd: pytest.CaptureFixture[str]) -> None:

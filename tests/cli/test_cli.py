@@ -3,7 +3,6 @@
 The run itself is replaced by tests/fake_run, so that these tests take seconds and say nothing about rendering.
 """
 
-import json
 import platform
 import subprocess
 import sys
@@ -79,24 +78,6 @@ def test_internal_fault_has_a_traceback_a_record_and_a_second_try(capfd: pytest.
     assert [(r["status"], r["error"]) for r in results()] == [("failed", "RuntimeError: boom")]
     assert call("row=raise") == 1
     assert len(started()) == 2
-
-
-def test_prior_of_another_distribution_needs_no_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    info = tmp_path / "site" / "third-1.2.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: third\nVersion: 1.2\n")
-    (info / "entry_points.txt").write_text("[ia_bench.priors]\nmine = third_module:Mine\n")
-    prior = "class {}:\n    def __init__(self, strength=1): ...\n    def sample(self, observations, *, seed, guidance=None): ...\n"
-    for module, name in (("third_module", "Mine"), ("their_module", "Theirs")):
-        (tmp_path / "site" / f"{module}.py").write_text(prior.format(name))
-    monkeypatch.syspath_prepend(tmp_path / "site")
-    assert call("prior=mine", "prior.options.strength=2") == 0
-    assert call("prior=mine") == call("prior=their_module:Theirs") == 0
-    configs = [json.loads(path.read_text())["config"]["prior"] for path in sorted(Path("runs").rglob("config.json"))]
-    configs = [{key: config[key] for key in ("name", "target", "options")} for config in configs]
-    assert {"name": "mine", "target": "third_module:Mine", "options": {"strength": 2}} in configs
-    assert {"name": "mine", "target": "third_module:Mine", "options": {}} in configs
-    assert {"name": "their_module:Theirs", "target": "their_module:Theirs", "options": {}} in configs
 
 
 def test_every_setting_can_be_shown(capfd: pytest.CaptureFixture[str]) -> None:

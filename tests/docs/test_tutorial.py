@@ -7,6 +7,7 @@ from textwrap import dedent
 
 import pytest
 import yaml
+from test_walks import stated
 
 from ia_bench.cli.main import main
 from ia_bench.runs.table import load_table
@@ -23,6 +24,7 @@ def block(language: str) -> str:
 def test_its_prior_is_checked_and_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])  # to which the command adds the folder where one is
+    assert stated("a prior") == {"my_prior.py"}
     (tmp_path / "my_prior.py").write_text(block("python"), encoding="utf-8")
     assert main(["check", "prior=my_prior:Retinex"]) == 0
     said = capfd.readouterr().out.splitlines()
