@@ -155,7 +155,7 @@ class UnsplitReader(FolderReader):
         left = sorted(path.name for path in there if path.suffix.lower() in SUFFIXES and path.name[0] != "."
                       and not {str(path), str(path.with_suffix(""))} & known)  # fmt: skip
         if left:
-            notes.append(f"{len(left)} pictures beside the photographs have no pose and are left out, {left[0]} first")
+            notes.append(f"{len(left)} picture(s) beside the photographs have no pose and are left out, {left[0]} first")
 
     def unsplit(self, count: int, view: Callable[[int], View], notes: list[str], place: np.ndarray | None = None) -> Scene:
         """The scene of ``count`` photographs, in their order; ``place`` as of :meth:`scene`. Raises InputError for too few."""

@@ -136,7 +136,7 @@ def test_photographs_without_a_pose_are_counted(tmp_path: Path, tiny: Scene) -> 
         assert not any("no pose" in note for note in reader(folder).read(truth=False).notes)
         for name in ("y.JPG", "z.png"):
             (folder / "images" / name).write_bytes(b"")
-        told = "2 pictures beside the photographs have no pose and are left out, y.JPG first"
+        told = "2 picture(s) beside the photographs have no pose and are left out, y.JPG first"
         assert told in reader(folder).read(truth=False).notes
 
 
