@@ -96,12 +96,24 @@ def find(kind: Kind, name: str) -> Plugin:
 
     Raises InputError naming the closest known name.
     """
+    expect_no_path(kind, name)
     if ":" in name:
         return Plugin(kind, name, name, THE_COMMAND_LINE)
     known = {**built_in(kind), **installed(kind)}
     if name not in known:
         raise InputError(f"{unknown(kind, name, known)}, those of packages that are installed here, and module:Class")
     return known[name]
+
+
+def expect_no_path(kind: Kind, name: str) -> None:
+    """Raise InputError, saying how to write it, for a plugin that is named by its file."""
+    module, _, attribute = name.partition(":")
+    if os.sep in module or module.endswith(".py"):
+        path = Path(module)
+        raise InputError(
+            f"{kind}={name}: expected a name or module:Class, found a path: PYTHONPATH={path.parent} makes it "
+            f"{kind}={path.stem}:{attribute or 'Class'}"
+        )
 
 
 def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None:

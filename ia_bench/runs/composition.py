@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, asdict, fields, replace
@@ -50,14 +49,8 @@ def register(chosen: Mapping[str, str]) -> None:
         if kind == "regulariser":
             continue  # no group: fit.regularise has a list of their names
         value = chosen.get(kind, "")
-        module, separator, attribute = value.partition(":")
-        if os.sep in module or module.endswith(".py"):
-            path = Path(module)
-            raise InputError(
-                f"{kind}={value}: expected a name or module:Class, found a path: PYTHONPATH={path.parent} makes it "
-                f"{kind}={path.stem}:{attribute or 'Class'}"
-            )
-        for plugin in [*registry.installed(kind).values(), *([registry.find(kind, value)] if separator else [])]:
+        registry.expect_no_path(kind, value)
+        for plugin in [*registry.installed(kind).values(), *([registry.find(kind, value)] if ":" in value else [])]:
             _store(kind, plugin.name, {"name": plugin.name, "target": plugin.target})
 
 
