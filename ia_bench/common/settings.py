@@ -94,7 +94,7 @@ def check_arguments(factory: Callable[..., Any], options: Mapping[str, Any], key
     if adapter is None:
         return
     missing = [name for name, (_, default) in fields.items() if default is ... and name not in options]
-    if missing:
+    if missing and options.keys() <= fields.keys():  # a name that is none is likely to be meant for the one that is missing
         raise InputError(f"{key}: expected {', '.join(f'{key}.{name}=...' for name in missing)}, found none")
     _checked(adapter, fields, options, key)
 

@@ -289,6 +289,7 @@ def test_a_class_of_a_script_is_told_by_it_and_of_a_notebook_refused(tmp_path: P
         ("Declared", {"strength": "x"}, "prior.options.strength: expected a number, found 'x'"),
         ("Inheriting", {"share": "x", "steps": 3}, "prior.options.share: expected a number, found 'x'"),
         ("Inheriting", {}, "prior.options: expected prior.options.share=..., prior.options.steps=..., found none"),
+        ("Inheriting", {"shar": 1.0, "steps": 3}, "unknown setting 'prior.options.shar'; did you mean 'prior.options.share'?"),
         ("Inheriting", {"share": 1.0, "steps": 3, "strength": 1.0}, "unknown setting 'prior.options.strength'"),
     ],
 )
