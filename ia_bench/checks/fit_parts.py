@@ -59,11 +59,11 @@ def _coupling(new: Callable[[], Coupling], problem: Problem) -> Iterator[Finding
     pixels = torch.linspace(0, len(radiance) - 1, PIXELS).long()
     number = itertools.count()
 
-    def losses_of(one: Coupling) -> tuple[dict[str, Tensor], list[Tensor]]:
+    def losses_of(one: Coupling) -> tuple[dict[str, Tensor], list[Tensor], bool]:
         with other_chance(next(number)):
             return _losses(one, samples, pixels)
 
-    first, gradients = losses_of(coupling)
+    first, gradients, untouched = losses_of(coupling)
     said = ", ".join(f"{name} {float(value):.3g}" for name, value in first.items()) or "none"
     sound = all(bool(torch.isfinite(part).all()) for part in (*first.values(), *gradients))
     yield judge(sound, "losses", "finite values, and gradients", said)
@@ -76,6 +76,7 @@ def _coupling(new: Callable[[], Coupling], problem: Problem) -> Iterator[Finding
     yield _same("killed and resumed", losses_of(coupling)[0], losses_of(other)[0])
     same = all(torch.equal(values[name], kept[name]) for name in kept)
     yield judge(same, "samples", "nothing modified", "" if same else "modified")
+    yield judge(untouched, "the albedo texture", "nothing modified", "" if untouched else "modified")
     for name in COMPONENTS:
         yield from guarded(f"a prior of {name} alone", AN_ANSWER, partial(_alone, new(), name, samples, problem, pixels))
 
@@ -90,17 +91,22 @@ def _alone(coupling: Coupling, name: str, samples: PixelSamples, problem: Proble
     yield Finding("pass", f"a prior of {name} alone", "", found or "nothing used")
 
 
-def _losses(coupling: Coupling, samples: PixelSamples, pixels: Tensor) -> tuple[dict[str, Tensor], list[Tensor]]:
-    """The losses of a render that is near the samples, and their gradients by albedo, specular shading and texture."""
+def _losses(coupling: Coupling, samples: PixelSamples, pixels: Tensor) -> tuple[dict[str, Tensor], list[Tensor], bool]:
+    """The losses of a render that is near the samples, and their gradients by albedo, specular shading and texture.
+
+    And whether the texture, which is the fit's own in a run, is as it was.
+    """
     generator = torch.Generator().manual_seed(0)
     given = {name: (0.8 * samples.values[name][pixels] + 0.02).requires_grad_() for name in COMPONENTS}
     texture = (0.3 + 0.2 * torch.rand(SIDE, SIDE, 3, generator=generator)).requires_grad_()
+    before = texture.detach().clone()
     coupling.update(texture.detach(), 0)
     losses = coupling.loss(StepRender(given["albedo"], given["specular"], texture, generator), pixels)
     total = sum(losses.values(), torch.zeros(()))
     inputs = [*given.values(), texture]
     found = torch.autograd.grad(total, inputs, allow_unused=True) if total.requires_grad else ()
-    return {name: value.detach() for name, value in losses.items()}, [part for part in found if part is not None]
+    untouched = torch.equal(texture, before)
+    return {name: value.detach() for name, value in losses.items()}, [part for part in found if part is not None], untouched
 
 
 def _regulariser(new: Callable[[], Regulariser], problem: Problem) -> Iterator[Finding]:

@@ -108,6 +108,7 @@ def changed(kind: type, **members: object) -> type:
         (Quotient, "losses: quotient nan"),
         (changed(Level, uses=lambda self, it: it), "a prior of specular alone: PluginError: coupling Broken raised KeyError"),
         (Paints, "samples: modified"),
+        (changed(Level, update=lambda self, texture, step: texture.mul_(0.5)), "the albedo texture: modified"),
     ],
 )
 def test_what_breaks_the_contract_of_couplings_is_named(broken: type, cross: str, problem: Problem) -> None:
