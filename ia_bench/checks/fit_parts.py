@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.checks.finding import Finding, guarded, judge, other_chance
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, PluginError
 from ia_bench.common.registry import Kind
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
@@ -113,6 +113,8 @@ def _regulariser(new: Callable[[], Regulariser], problem: Problem) -> Iterator[F
     regulariser = new()
     try:
         regulariser.prepare(problem)
+    except PluginError:  # which it has raised without saying that it cannot
+        raise
     except InputError as error:
         yield Finding("skip", "everything else", "", f"it cannot be applied here: {error}")
         return

@@ -155,6 +155,7 @@ class Noisy(Darker):
         (changed(Darker, due=lambda self, step, steps: None), "regulariser Broken: due(): expected True or False, found None"),
         (changed(Darker, due=lambda self, step, steps: False), "when it is due: 0 times in 100 steps"),
         (changed(Darker, apply=lambda self, m, state: replace(m, albedo=m.albedo / 0)), "albedo: expected finite values"),
+        (changed(Darker, prepare=lambda self, problem: problem.symmetry), "AttributeError: 'Problem' object has no attribute"),
         (Noisy, "again: albedo differ"),
         (Inside, "the material that it was given: modified"),
     ],
