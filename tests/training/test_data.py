@@ -13,11 +13,11 @@ import torch
 
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.progress import Progress
-from ia_bench_training import data
-from ia_bench_training.data import ImageRequest, make_data
+from ia_bench_training import prior_data
 from ia_bench_training.generate import render_images
 from ia_bench_training.palettes import MAX_ALBEDO, MIN_ALBEDO
 from ia_bench_training.pool import share_out
+from ia_bench_training.prior_data import ImageRequest, make_data
 from ia_bench_training.render import MAX_COVERAGE, MIN_COVERAGE
 from ia_bench_training.shading import DirectLight
 from ia_bench_training.shards import CHANNELS, ShardInfo, load_shard, shard_path, write_shard
@@ -30,7 +30,7 @@ def fake_shard(path, **changes):
 
 def test_finished_shards_are_kept_and_others_refused(tmp_path, monkeypatch):
     rendered = []
-    monkeypatch.setattr(data, "_render", lambda request, progress, shards, advance: rendered.extend(shards))
+    monkeypatch.setattr(prior_data, "_render", lambda request, progress, shards, advance: rendered.extend(shards))
     fake_shard(shard_path(tmp_path, 0))
     (tmp_path / ".tmp-shard_00001.safetensors").write_bytes(b"half")
     with Progress() as progress:

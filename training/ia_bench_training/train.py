@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 
-from ia_bench.common.arguments import read_arguments, settings_text
-from ia_bench.common.exit_codes import OK, command
+from ia_bench.common.arguments import settings_text
 from ia_bench.common.progress import Progress
+from ia_bench_training.commands import command_of
+from ia_bench_training.settings import TrainSettings
 
 USAGE = """\
 python -m ia_bench_training.train data=FOLDER validation=FOLDER out=FOLDER [KEY=VALUE ...]
@@ -21,28 +21,15 @@ Settings and their defaults
 """
 
 
-def usage() -> str:
-    """The help text, with every setting."""
-    from ia_bench_training.settings import TrainSettings  # brings in torch
-
-    return USAGE + settings_text(TrainSettings)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status."""
-    return command(usage, _train, arguments)
-
-
-def _train(arguments: Sequence[str]) -> int:
+def _train(settings: TrainSettings, progress: Progress) -> None:
     from ia_bench_training.loop import train  # brings in diffusers
-    from ia_bench_training.settings import TrainSettings
 
-    settings = read_arguments(TrainSettings, arguments)
-    with Progress() as progress:
-        figures = train(settings, progress)
-        if figures:
-            progress.note(f"weights in {settings.out / 'weights'}: {figures}")
-    return OK
+    figures = train(settings, progress)
+    if figures:
+        progress.note(f"weights in {settings.out / 'weights'}: {figures}")
+
+
+main = command_of(USAGE + settings_text(TrainSettings), TrainSettings, _train)
 
 
 if __name__ == "__main__":

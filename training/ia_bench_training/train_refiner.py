@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 
-from ia_bench.common.arguments import read_arguments, settings_text
-from ia_bench.common.exit_codes import OK, command
+from ia_bench.common.arguments import settings_text
 from ia_bench.common.progress import Progress
+from ia_bench_training.commands import command_of
+from ia_bench_training.refiner import RefinerSettings, train_refiner
 
 USAGE = """\
 python -m ia_bench_training.train_refiner data=FOLDER validation=FOLDER out=FOLDER [KEY=VALUE ...]
@@ -20,26 +20,11 @@ Settings and their defaults
 """
 
 
-def usage() -> str:
-    """The help text, with every setting."""
-    from ia_bench_training.refiner import RefinerSettings  # brings in torch
-
-    return USAGE + settings_text(RefinerSettings)
+def _train(settings: RefinerSettings, progress: Progress) -> None:
+    progress.note(f"weights in {settings.out / 'weights'}: {train_refiner(settings, progress)}")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status."""
-    return command(usage, _train, arguments)
-
-
-def _train(arguments: Sequence[str]) -> int:
-    from ia_bench_training.refiner import RefinerSettings, train_refiner
-
-    settings = read_arguments(RefinerSettings, arguments)
-    with Progress() as progress:
-        figures = train_refiner(settings, progress)
-        progress.note(f"weights in {settings.out / 'weights'}: {figures}")
-    return OK
+main = command_of(USAGE + settings_text(RefinerSettings), RefinerSettings, _train)
 
 
 if __name__ == "__main__":

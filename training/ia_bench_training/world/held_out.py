@@ -6,7 +6,6 @@ The benchmark's own renderer makes them: every shadow traced, light between the 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,9 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.machine import settle_libraries
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
@@ -30,6 +27,7 @@ from ia_bench.render.renderer import texture_images
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.exr import read_light
 from ia_bench_training.cameras import draw_camera
+from ia_bench_training.commands import command_of
 from ia_bench_training.draws import about_z
 from ia_bench_training.real_sources import closed_set
 from ia_bench_training.render import MIN_COVERAGE
@@ -120,17 +118,9 @@ def _halved(radiance: np.ndarray) -> np.ndarray:
     return radiance.reshape(height // 2, 2, width // 2, 2, 3).mean((1, 3)).astype(np.float32)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status."""
-    return command(lambda: USAGE, _make, arguments)
-
-
-def _make(arguments: Sequence[str]) -> int:
-    settle_libraries(1)
-    with Progress() as progress:
-        make_held_out(read_arguments(HeldOutRequest, arguments), progress)
-    return OK
+main = command_of(USAGE, HeldOutRequest, make_held_out)
 
 
 if __name__ == "__main__":
+    settle_libraries(1)
     sys.exit(main())

@@ -16,15 +16,14 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from ia_bench.common.arguments import read_arguments
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.files import read_json
 from ia_bench.common.machine import settle_libraries
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, Number
+from ia_bench_training.commands import command_of
 from ia_bench_training.palettes import palette
 from ia_bench_training.pool import share_out
 from ia_bench_training.real_sources import open_files
@@ -169,17 +168,9 @@ def _save(path: Path, tensors: dict[str, Tensor]) -> None:
         save_file({name: values.contiguous() for name, values in tensors.items()}, partial)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status."""
-    return command(lambda: USAGE, _make, arguments)
-
-
-def _make(arguments: Sequence[str]) -> int:
-    settle_libraries(1)
-    with Progress() as progress:
-        make_world(read_arguments(WorldRequest, arguments), progress)
-    return OK
+main = command_of(USAGE, WorldRequest, make_world)
 
 
 if __name__ == "__main__":
+    settle_libraries(1)
     sys.exit(main())

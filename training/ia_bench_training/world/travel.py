@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,12 +11,11 @@ import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.files import read_json
 from ia_bench.common.paths import make_writable
 from ia_bench.common.ranges import Number
+from ia_bench_training.commands import command_of
 from ia_bench_training.world.layout import ATLAS, ATLAS_LEVELS, BANKS, KINDS, LEVELS, TILE, WORLD
 
 USAGE = """\
@@ -72,14 +70,7 @@ def _halved(flat: Tensor, count: int, side: int, levels: int, kept: Tensor) -> T
     return torch.cat([part.unflatten(0, (count, -1))[kept].flatten(0, 1) for part in parts])
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status."""
-    return command(lambda: USAGE, _reduce, arguments)
-
-
-def _reduce(arguments: Sequence[str]) -> int:
-    reduce(read_arguments(TravelRequest, arguments))
-    return OK
+main = command_of(USAGE, TravelRequest, lambda request, _: reduce(request))
 
 
 if __name__ == "__main__":
