@@ -82,5 +82,7 @@ def repeat(run: Record) -> Repeated:
     known = {metric: run[metric.column] for metric in MEASURED if run.get(metric.column) is not None}
     found = {metric: again[metric.column] for metric in known}
     scores = {metric: (old, math.nan if (new := found[metric]) is None else new) for metric, old in known.items()}
-    changed = f"its identity is {now} now, not {run['config_hash']}: settings, weights or scene are others"
+    made, here = (one.get("commit") or "no checkout" for one in (run, again))
+    others = f"settings, weights, scene or code ({made} then, {here} here) are others"
+    changed = f"its identity is {now} now, not {run['config_hash']}: {others}"
     return Repeated(run, scores, changed="" if run["config_hash"] in (now, None) else changed)  # None: not published

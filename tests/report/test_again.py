@@ -122,7 +122,8 @@ def test_a_run_that_was_published_without_its_hash_is_not_called_another_one(pub
     found = repeat(run | {"config_hash": None})
     assert (found.changed, found.problem, found.apart(1e-3)) == ("", "", [])
     repeats(20.0)
-    assert f"its identity is {here} now, not 1: " in repeat(run | {"config_hash": "1"}).changed
+    changed = repeat(run | {"config_hash": "1", "commit": "abcd"}).changed
+    assert f"its identity is {here} now, not 1: settings, weights, scene or code (abcd then, " in changed
 
 
 @pytest.mark.parametrize("share", ["0", "1.5", "-1", "half"])
