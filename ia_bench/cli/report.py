@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rows = [row.name for row in table.crossed_rows]
     every = [run for path in tables for run in read_published(path)]
     published = [run for run in every if not wanted.only or run["row"] in rows]
-    if every and not published:
+    if every and not published and not cells:
         found = listed(dict.fromkeys(run["row"] for run in every))
         raise InputError(f"--only: expected runs of a row of table {wanted.table} ({listed(rows)}), found {found}")
     first = wanted.runs[0] if wanted.runs[0].name not in ("", "..") else wanted.runs[0].resolve()

@@ -14,6 +14,7 @@ import yaml
 
 from ia_bench.common.errors import InputError, printable
 
+MERGED = "tag:yaml.org,2002:merge"  # the tag of a key <<, of which a table may have several
 DIGITS = 300  # of a whole number, which then is also a float
 
 
@@ -23,13 +24,15 @@ class _OnceEach(yaml.SafeLoader):
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:  # noqa: ANN401 (PyYAML's)
         """The table as it is written, before others are merged into it. Raises MarkedYAMLError for a key of before."""
         node = super().compose_mapping_node(anchor)
-        known = set[str]()
+        known = set[tuple[str, str]]()
         for key, _ in node.value:
-            if str(key.value) in known:
+            if key.tag == MERGED:
+                continue
+            if (key.tag, str(key.value)) in known:
                 raise yaml.MarkedYAMLError(
                     problem=f"expected every key once, found another {key.value}", problem_mark=key.start_mark
                 )
-            known.add(str(key.value))
+            known.add((key.tag, str(key.value)))
         return node
 
 

@@ -112,7 +112,7 @@ def expect_no_path(kind: Kind, name: str) -> None:
         path = Path(module)
         raise InputError(
             f"{kind}={name}: expected a name or module:Class, found a path: PYTHONPATH={path.parent} makes it "
-            f"{kind}={path.stem}:{attribute or 'Class'}"
+            f"{'' if kind == 'regulariser' else f'{kind}='}{path.stem}:{attribute or 'Class'}"
         )
 
 

@@ -55,8 +55,10 @@ def parsed_by_trimesh(path: Path, header: dict[str, Any] | None = None) -> Any: 
     relative = re.search(r"^f\b[^\n]*[\s/]-", text, re.MULTILINE)
     if relative and "\nv" in text[relative.end() :]:  # trimesh counts them from the end of the file
         raise InputError(f"{path}: expected faces that count vertices backwards after all vertices, found vertices after them")
-    if all(re.search(rf"^f -?\d+{kinds}-?\d+\s", text, re.MULTILINE) for kinds in ("/", "//")):  # trimesh looks at the first alone
-        raise InputError(f"{path}: expected texture coordinates in all faces or in none, found v/vt beside v//vn")
+    for name, faces in faces_by_material(text).items():  # of each trimesh looks at the first face alone
+        if all(re.search(rf"^f -?\d+{kinds}-?\d+\s", faces, re.MULTILINE) for kinds in ("/", "//")):
+            said = f" of usemtl {shown(name)}" if name else ""
+            raise InputError(f"{path}: expected texture coordinates in all faces{said} or in none, found v/vt beside v//vn")
     # Vertices are split by UV only where a PLY has those of faces: else trimesh would drop vertices, and all stored normals.
     options: Any = {"process": False, "fix_texture": b" texcoord" in ply_header(path), "resolver": Beside(str(path))}
     logger, was = trimesh.util.log, trimesh.util.log.disabled
@@ -88,6 +90,17 @@ def obj_text(path: Path) -> str:
     text = re.sub(r"^[ \t]*#.*$", "", path.read_text(encoding="utf-8-sig", errors="replace"), flags=re.MULTILINE)
     text = re.sub(r"^[ \t]*(v[tn]?|f|usemtl|mtllib)[ \t]+", r"\1 ", text.replace("\\\n", " "), flags=re.MULTILINE)
     return re.sub(r"^((?:v[tn]?|f) [^#\n]*)#.*$", r"\1", text, flags=re.MULTILINE)
+
+
+def faces_by_material(text: str) -> dict[str, str]:
+    """The lines of faces (``f``) of an :func:`obj_text` by the material of their ``usemtl``, "" before the first; all have some."""
+    found, name = dict[str, str](), ""
+    for line in text.splitlines():
+        if line.startswith("usemtl "):
+            name = " ".join(line.split()[1:])
+        elif line.startswith("f "):
+            found[name] = f"{found.get(name, '')}{line}\n"
+    return found
 
 
 def gltf_header(path: Path) -> dict[str, Any]:

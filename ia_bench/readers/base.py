@@ -143,15 +143,15 @@ class UnsplitReader(FolderReader):
         training = [photograph for place, photograph in enumerate(photographs) if place % self.every]
         return training, list(photographs[:: self.every])
 
-    def note_without_pose(self, posed: Iterable[object], notes: list[str], masks: Iterable[object] = ()) -> None:
+    def note_without_pose(self, posed: Iterable[object], notes: list[str], others: Iterable[object] = ()) -> None:
         """Tell ``notes`` how many pictures lie beside those that are ``posed`` and have no pose, for many programs place only some.
 
-        All are names below the folder, with or without a suffix; ``masks`` are no photographs, wherever they lie.
+        All are names below the folder, with or without a suffix; ``others``, such as masks and depth maps, are no photographs.
         """
-        names, others = ({os.path.normpath(self.folder / str(name)) for name in some} for some in (posed, masks))
+        names, beside = ({os.path.normpath(self.folder / str(name)) for name in some} for some in (posed, others))
         folders = {os.path.dirname(name) for name in names if self.folder in Path(name).parents}
         there = [path for folder in folders if os.path.isdir(folder) for path in Path(folder).iterdir()]
-        known = {*names, *others, *(os.path.splitext(name)[0] for name in names)}
+        known = {*names, *beside, *(os.path.splitext(name)[0] for name in names)}
         left = sorted(path.name for path in there if path.suffix.lower() in SUFFIXES and path.name[0] != "."
                       and not {str(path), str(path.with_suffix(""))} & known)  # fmt: skip
         if left:

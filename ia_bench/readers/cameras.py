@@ -24,7 +24,7 @@ NamedFrame = tuple[str, Mapping[str, Any]]
 """How messages name a frame of transforms.json, and what is said of it."""
 PATHS = "file_path", "mask_path"
 FOCAL_KEYS = {"fl_x", "fl_y", "camera_angle_x"}
-"""The keys that say a focal length: a frame that has one of them has all of its own, for they may contradict those of the file."""
+"""The keys that say a focal length. A frame that has that of its columns has all of its own, for they may contradict the file's."""
 SKEW = 1e-3  # of the focal length: what a calibration may leave and no image shows
 PARALLEL = 1e-3  # share of the largest eigenvalue below which the axes of cameras do not fix a point
 FOLDED = 1e-9  # a slope or an area below it: two points in one place
@@ -106,7 +106,8 @@ def frames_of(path: Path) -> list[NamedFrame]:
         if not isinstance(frame, dict):
             raise InputError(f"{where}: expected an object, found {type(frame).__name__}")
         paths = {key: value.replace("\\", "/") for key, value in frame.items() if key in PATHS and isinstance(value, str)}
-        shared = {key: value for key, value in content.items() if not (key in FOCAL_KEYS and FOCAL_KEYS & frame.keys())}
+        own = FOCAL_KEYS - {"fl_y"} & frame.keys()
+        shared = {key: value for key, value in content.items() if not (own and key in FOCAL_KEYS)}
         frames.append((where, {**shared, **frame, **paths}))
     expect_each_once(photographs(frames))
     return frames

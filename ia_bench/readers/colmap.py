@@ -75,7 +75,9 @@ class ColmapReader(UnsplitReader):
     ) -> View:
         folder, where, about = self.folder, f"{self.folder}: sparse model: image {number}", f"camera {sensor} of the sparse model"
         path, masks = file_below(folder, f"{self.images}/{name}", where), folder / self.masks
-        photo = photograph(path, mask_beside(masks / Path(name).parent, path) if masks.is_dir() else None, notes, masks)
+        photo = photograph(
+            path, mask_beside(masks / Path(name).parent, path) if masks.is_dir() else None, notes, masks / Path(name).parent
+        )
         if sensor not in sensors:
             raise InputError(f"{where}: expected {about}, found none")
         model, width, height, parameters = sensors[sensor]

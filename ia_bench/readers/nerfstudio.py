@@ -19,7 +19,6 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json
 from ia_bench.readers.base import UnsplitReader
 from ia_bench.readers.cameras import (
-    PATHS,
     NamedFrame,
     camera,
     expect_each_once,
@@ -76,8 +75,8 @@ class NerfstudioReader(UnsplitReader):
                 notes.append(f"{SPLIT[1]}: none of its {len(held_out)} photographs is there")
             return self._held_out_of(training, SPLIT[0], notes)
         content, frames = read_json(path), frames_of(path)
-        posed, masks = ([frame.get(key, "") for _, frame in frames] for key in PATHS)
-        self.note_without_pose(posed, notes, masks)
+        others = [value for _, frame in frames for key, value in frame.items() if key.endswith("_path") and key != "file_path"]
+        self.note_without_pose([frame.get("file_path", "") for _, frame in frames], notes, others)
         by_name = {plain(frame.get("file_path")): (where, frame) for where, frame in frames}
         named: dict[str, list[str]] = {}
         for key in ("train_filenames", "val_filenames", "test_filenames"):

@@ -25,6 +25,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, is_file, shown
 from ia_bench.geometry.mesh_files import (
     expect_plain_gltf,
+    faces_by_material,
     gltf_header,
     named_by_gltf,
     obj_text,
@@ -107,7 +108,8 @@ def _gltf(path: Path, note: Note) -> Parts:
     used = {IGNORED[key] for material in materials for key in IGNORED if key in material}
     used |= {"transparency" for material in materials if material.get("alphaMode", "OPAQUE") != "OPAQUE"}
     used |= {"light of its own" for material in materials if any(material.get("emissiveFactor", ()))}
-    used |= {"the filter NEAREST" for sampler in header.get("samplers", []) if sampler.get("magFilter") == NEAREST}
+    if any(sampler.get("magFilter") == NEAREST for sampler in header.get("samplers", [])):
+        note(f"{path.name}: textures are looked up bilinearly, not by the filter NEAREST")
     used |= {extension for material in materials for extension in material.get("extensions", ())}
     for number, material in enumerate(materials):  # so that trimesh says which one it means
         material["name"], material["_name"] = str(number), material.get("name") or f"material {number}"
@@ -122,7 +124,7 @@ def _gltf(path: Path, note: Note) -> Parts:
         names = ", ".join(shown(one["_name"]) for one in metals)
         note(f"{path.name}: no metallicFactor of {names}, which in glTF is metal: 0 says that it is none")
     if used:
-        note(f"{path.name}: {', '.join(sorted(used))} left out: materials here have base colour, roughness and metallic, bilinear")
+        note(f"{path.name}: {', '.join(sorted(used))} left out: materials here have base colour, roughness and metallic")
     for mesh, matrix, normals in placed_parts(parsed_by_trimesh(path, header)):
         material = getattr(mesh.visual, "material", None)
         number = int(getattr(material, "name", len(materials) - 1))
@@ -201,8 +203,7 @@ def _obj(path: Path, note: Note) -> Parts:
     if materials is None:
         raise InputError(f"{path}: expected mtllib FILE.mtl, which says where the textures are, found none")
     said, text = _mtl(materials), obj_text(path)
-    used = (" ".join(name.split()) for name in re.findall(r"^usemtl (.+)$", text, re.MULTILINE))
-    if (lacking := next((name for name in used if name not in said), None)) is not None:
+    if (lacking := next((name for name in faces_by_material(text) if name and name not in said), None)) is not None:
         raise InputError(f"{path}: usemtl {shown(lacking)}: expected a material of {materials.name}, found none of that name")
     if re.search(r"^v([ \t]+\S+){6}", text, re.MULTILINE):
         note(f"{path.name}: colours of vertices are left out: in OBJ nobody says how they are encoded; glTF has them")

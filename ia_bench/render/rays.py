@@ -228,8 +228,8 @@ def _trace_packets(
 class EmbreeRays(RayCaster):
     """The tracer of the CPU: Embree 4, the library that ``embreex`` brings, asked for sixteen rays at a time.
 
-    embreex itself asks for one after another, which takes 1.35 times as long for shadow rays (benchmarks/rays.py). So its library
-    is loaded here, the mesh is handed to it, and a Warp kernel calls its packet queries.
+    embreex itself asks for one after another, which takes 1.35 times as long for shadow rays (docs/log/performance.md). So its
+    library is loaded here, the mesh is handed to it, and a Warp kernel calls its packet queries.
     """
 
     _kernel, _block = _trace_packets, BLOCK

@@ -33,7 +33,7 @@ PROFILE_ROUNDING = 2  # steps of 255 by which a profile of sRGB itself may move 
 IGNORED = "is ignored, and sRGB assumed"
 REDUCED = "its 16 bits a channel are read as 8; OpenEXR keeps them"
 
-ALPHA_ROUNDING = 1e-3  # half floats and filters pass 1 by a little
+ALPHA_ROUNDING = 1e-3  # half floats and filters pass 0 and 1 by a little
 
 
 def read_photograph(
@@ -82,7 +82,7 @@ def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray,
 
 def unit_alpha(path: Path, alpha: np.ndarray) -> np.ndarray:
     """An alpha (H, W), less what rounding left beyond 0 to 1. Raises InputError for more than that."""
-    wrong = (alpha < 0) | (alpha > 1 + ALPHA_ROUNDING)
+    wrong = (alpha < -ALPHA_ROUNDING) | (alpha > 1 + ALPHA_ROUNDING)
     if wrong.any():
         raise InputError(f"{path}: expected alpha from 0 to 1, found {alpha[wrong][0]:g} in {int(wrong.sum())} pixel(s)")
     return alpha.clip(0, 1)

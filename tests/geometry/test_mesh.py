@@ -125,6 +125,12 @@ def test_texture_coordinates_and_normals_are_not_taken_for_each_other(tmp_path: 
         load_mesh(path)
 
 
+def test_parts_of_two_materials_may_have_texture_coordinates_or_normals(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.obj"
+    path.write_text(QUAD + 4 * "vn 0 0 1\n" + "usemtl one\nf 1/1 2/2 3/3\nusemtl two\nf 1//1 3//3 4//4\n")
+    assert load_mesh(path, uv="xatlas")[0].faces.shape == (2, 3)
+
+
 def test_materials_in_a_pipe_are_not_waited_for(tmp_path: Path) -> None:
     """A mesh alone needs none; an asset is refused."""
     waited = list[int]()

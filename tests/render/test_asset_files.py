@@ -75,7 +75,8 @@ def test_a_material_without_a_name_and_with_a_second_model_keeps_its_own_values(
     assert (asset.roughness == np.float32(0.3)).all()
     assert (asset.metallic == 1).all()  # what the specification has for a file that says none
     assert [note for note in notes if "metallicFactor of material 0" in note]
-    assert [note for note in notes if "KHR_materials_ior, KHR_materials_pbrSpecularGlossiness, the filter NEAREST left out" in note]
+    assert [note for note in notes if "KHR_materials_ior, KHR_materials_pbrSpecularGlossiness left out" in note]
+    assert [note for note in notes if "textures are looked up bilinearly, not by the filter NEAREST" in note]
 
 
 def test_up_matrix_and_turned_light(tmp_path: Path) -> None:

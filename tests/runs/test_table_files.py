@@ -197,5 +197,7 @@ def test_two_rows_whose_runs_would_lie_in_one_folder_are_refused() -> None:
 
 def test_tables_may_repeat_what_they_merge() -> None:
     """A key of a table that is merged into another is no key that stands twice."""
-    Path("t.yaml").write_text("rows:\n- &one {name: a, overrides: []}\n- {<<: *one, name: b}\n- {<<: *one, name: c}\n")
-    assert [row.name for row in load_table("t.yaml").rows] == ["a", "b", "c"]
+    Path("t.yaml").write_text(
+        "rows:\n- &one {name: a, overrides: []}\n- {<<: *one, name: b}\n- {<<: *one, name: c}\n- {<<: *one, <<: *one, name: d}\n"
+    )
+    assert [row.name for row in load_table("t.yaml").rows] == ["a", "b", "c", "d"]
