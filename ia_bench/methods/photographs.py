@@ -15,7 +15,7 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import normalize, tangent_frame
 from ia_bench.material.textures import Material
 from ia_bench.render.estimator import lattice
-from ia_bench.render.gbuffer import GBuffer, sees
+from ia_bench.render.gbuffer import GBuffer, SurfacePoints, sees
 from ia_bench.scenes.scene import Scene, View, farthest_first
 
 if TYPE_CHECKING:
@@ -30,6 +30,8 @@ USUAL, LEVEL = (0.04, 4.0), 0.2
 as they are, others as if it were LEVEL: what a fit finds must not depend on the unit of the radiance."""
 AMBIENT_RAYS = 32  # a pixel, shared by its points
 CHUNK = 16_384  # pixels at a time
+COUNTED = 128
+"""Cells along the diagonal of an object, in each of which photographs are counted once."""
 
 
 @dataclass(frozen=True)
@@ -198,17 +200,26 @@ def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Ten
 def count_views(problem: Problem, views: tuple[int, ...]) -> Tensor:
     """How many training photographs show well (:func:`sees`) what the pixels of some of them show: (V, H, W, 1), on the CPU.
 
-    Of a pixel its first point counts; 0 where that misses.
+    Of a pixel its first point counts, 0 where that misses. Points in the same cell, of COUNTED along the diagonal of the box
+    around all, that face the same octant are counted as one of them is: pixels of many photographs lie side by side.
     """
-    gbuffer, _ = restrict(problem.gbuffer, views)
-    cameras = [view.camera for view in problem.scene.train]
+    (gbuffer, _), stage = restrict(problem.gbuffer, views), problem.stage
     hit = gbuffer.face[:, 0] >= 0
-    face, barycentric = gbuffer.face[hit, 0].long(), gbuffer.barycentric[hit, 0]
-    points = problem.renderer.surface(face, barycentric, gbuffer.seen_from(hit))
-    seen = sees(cameras, points.position, points.geometric, problem.stage.rays, problem.stage.surface.offset)
+    points = stage.surface(gbuffer.face[hit, 0].long(), gbuffer.barycentric[hit, 0], gbuffer.seen_from(hit))
+    _, chosen, group = np.unique(_cells(points).cpu().numpy(), return_index=True, return_inverse=True)
+    cameras = [view.camera for view in problem.scene.train]
+    seen = sees(cameras, points.position[chosen], points.geometric[chosen], stage.rays, stage.surface.offset)
     counts = torch.zeros(len(hit), 1, device=hit.device)
-    counts[hit] = seen.float().sum(1, keepdim=True)
+    counts[hit] = seen.sum(1, keepdim=True).float()[group]
     return gbuffer.images(counts).cpu()
+
+
+def _cells(points: SurfacePoints) -> Tensor:
+    """Numbers (N,) int64 of the cells, as :func:`count_views` has them, in which points are."""
+    low, high = torch.aminmax(points.position, dim=0)
+    place = ((points.position - low) * (COUNTED / (high - low).norm().clamp_min(1e-12))).long()
+    digits = torch.cat([place, (points.geometric > 0).long()], 1)
+    return (digits * digits.new_tensor([(2 * COUNTED) ** power for power in range(6)])).sum(1)
 
 
 def cosine_directions(normal: Tensor, samples: Tensor) -> Tensor:

@@ -206,8 +206,10 @@ class SurfaceInterpolator:
         found = torch.empty_like(barycentric)
         parts = zip(*(each.split(PIXELS_AT_ONCE) for each in (face, barycentric, found)), strict=True)
         for corners, inner, into in parts:
-            weights = torch.cat([1 - inner.sum(-1, keepdim=True), inner], -1)
-            into[:] = (self._uv[corners] * weights[..., None]).sum(-2)
+            first, *others = self._uv.index_select(0, corners.reshape(-1)).reshape(*corners.shape, 3, 2).unbind(-2)
+            into[:] = first
+            for other, weight in zip(others, inner.split(1, -1), strict=True):
+                into += weight * (other - first)
         return found
 
     def averaged(self, face: Tensor, barycentric: Tensor, texture: Tensor) -> Tensor:

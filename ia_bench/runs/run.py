@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 import torch
+import torch._dynamo  # noqa: F401 (by the first step of torch's optimisers: before the clock starts, and for every row)
 
 from ia_bench.capture.capture import captured
 from ia_bench.capture.capture import record as capture_record

@@ -10,8 +10,8 @@ from shapes import camera_at, disk, mesh_of, plate, sphere, together
 from small_fit import RENDER, scene_of
 
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.photographs import cosine_directions, view_geometry, views_needed
-from ia_bench.render.gbuffer import primary_rays, sees
+from ia_bench.methods.photographs import cosine_directions, count_views, view_geometry, views_needed
+from ia_bench.render.gbuffer import GRAZING, primary_rays, sees
 from ia_bench.render.rays import make_rays
 from ia_bench.scenes.scene import Camera, Mesh
 
@@ -122,6 +122,32 @@ def test_what_lies_outside_the_image_is_not_seen() -> None:
     positions, up = torch.tensor([[0.0, 0, 0], [3.0, 0, 0], [0, 3.0, 0]]), torch.tensor([[0.0, 0.0, 1.0]]).expand(3, 3)
     narrow, wide = camera_at((0, 0, 5), field_of_view=30.0), camera_at((0, 0, 5), field_of_view=80.0)
     assert sees([narrow, wide], positions, up, rays, 1e-4).tolist() == [[True, True], [False, True], [False, True]]
+
+
+def test_photographs_that_show_a_place_of_a_ball() -> None:
+    """On the unit sphere those cameras of 40 all around that a place sees at more than the grazing angle."""
+    ways = np.random.default_rng(0).normal(size=(40, 3))
+    places = 4 * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    problem = problem_of(sphere(5), *(camera_at(place, pixels=64) for place in places))
+    found = count_views(problem, (0, 7)).numpy()
+    gbuffer = problem.gbuffer
+    shown = (gbuffer.face[:, 0] >= 0) & torch.isin(gbuffer.view(), torch.tensor([0, 7]))
+    _, position = problem.stage.surface.geometry(gbuffer.face[shown, 0].long(), gbuffer.barycentric[shown, 0])
+    toward = places[None] - position.numpy()[:, None]
+    cosine = (toward * position.numpy()[:, None]).sum(-1) / np.linalg.norm(toward, axis=-1)
+    error = found[found > 0] - (cosine > GRAZING).sum(1)
+    # A cell is 1.5 degrees wide: the limits of half a camera of 40 run through it.
+    assert len(error) > 1500
+    assert abs(error).max() <= 4
+    assert abs(error).mean() < 0.5
+    assert abs(error.mean()) < 0.1
+
+
+def test_photographs_that_show_either_side_of_a_sheet() -> None:
+    above, below = [(0.0, 0.1, 5.0), (1.0, 0.0, 5.0), (0.0, -1.0, 5.0)], [(0.0, 0.1, -5.0), (1.0, 0.0, -5.0)]
+    problem = problem_of(plate(0.5), *(camera_at(place, pixels=16) for place in above + below))
+    counts = count_views(problem, (0, 3))
+    assert [sorted(view.unique().tolist()) for view in counts] == [[0, 3], [0, 2]]
 
 
 @pytest.mark.parametrize(("per_point", "share", "expected"), [(1, 1.0, 3), (1, 0.6, 1), (2, 1.0, 4), (9, 1.0, 5)])

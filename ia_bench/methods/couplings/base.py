@@ -54,10 +54,15 @@ def encode(linear: Tensor, encoding: str) -> Tensor:
 
 def shown(texture: Tensor, pixels: Tensor, problem: Problem) -> Tensor:
     """What G-buffer entries (B,) show of a texture (T, T, C): means (B, C) over their points, of which a miss is black."""
+    uv, hit = points_of(pixels, problem)
+    return (fetch(texture, uv) * hit[..., None]).mean(1)
+
+
+def points_of(pixels: Tensor, problem: Problem) -> tuple[Tensor, Tensor]:
+    """Texture coordinates (B, S, 2) of the points of G-buffer entries (B,), and which of them the object has (B, S)."""
     gbuffer = problem.gbuffer
-    face, barycentric = gbuffer.face[pixels], gbuffer.barycentric[pixels]
-    values = fetch(texture, problem.renderer.surface.uv(face.clamp_min(0).long(), barycentric))
-    return (values * (face >= 0)[..., None]).mean(1)
+    face = gbuffer.face[pixels]
+    return problem.renderer.surface.uv(face.clamp_min(0).long(), gbuffer.barycentric[pixels]), face >= 0
 
 
 def per_view(values: Tensor, view: Tensor, views: int) -> Tensor:

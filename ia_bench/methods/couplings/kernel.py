@@ -15,7 +15,7 @@ from torch import Tensor
 from ia_bench.common.ranges import Positive, Weight
 from ia_bench.material.textures import fetch
 from ia_bench.methods.contract import PixelSamples, Problem, StepRender
-from ia_bench.methods.couplings.base import WeightedCoupling, per_view, shown
+from ia_bench.methods.couplings.base import WeightedCoupling, per_view, points_of
 from ia_bench.scenes.color import linear_to_srgb
 
 PAIRS = 4  # partners of a pixel in one step: others follow in the next, and one is a noisy estimate (docs/log/supervision.md)
@@ -68,14 +68,16 @@ class Kernel(WeightedCoupling):
 
     def albedo_loss(self, render: StepRender, pixels: Tensor) -> Tensor:
         """See the class."""
-        texture, generator = render.texture, render.generator
-        albedo = shown(texture, pixels, self._problem)
-        partner, uv, there = self._partners(pixels, generator)
+        own, hit = points_of(pixels, self._problem)
+        partner, uv, there = self._partners(pixels, render.generator)
+        found = fetch(render.texture, torch.cat([own.reshape(-1, 2), uv]))  # at once: a gradient is as large as the texture
+        points, theirs = found.split([hit.numel(), len(uv)])
+        albedo = (points.reshape(*hit.shape, -1) * hit[..., None]).mean(1)
         here = pixels.repeat_interleave(PAIRS)
         weight = self._filled[here] * self._filled[partner] * there
         distance = (self._prediction[here] - self._prediction[partner]).square().sum(-1)
         similarity = torch.exp(-distance / (2 * self.scale**2))
-        difference = torch.log(albedo + LOG_FLOOR).repeat_interleave(PAIRS, 0) - torch.log(fetch(texture, uv) + LOG_FLOOR)
+        difference = torch.log(albedo + LOG_FLOOR).repeat_interleave(PAIRS, 0) - torch.log(theirs + LOG_FLOOR)
         return (weight * similarity * difference.abs().mean(-1)).sum() / weight.sum().clamp_min(1e-6)
 
     def _partners(self, pixels: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:

@@ -27,7 +27,8 @@ NOISE = 0.1
 """Variance of what a single place says, where materials have 1."""
 SHOWN = 2048
 """Places that photographs show, drawn among all."""
-BATCH = 4096
+BATCH = 256
+"""Places whose covariances are taken together: these stay in a cache of the processor."""
 
 
 @dataclass(frozen=True)
@@ -138,4 +139,4 @@ def expected(shown: Tensor, values: Tensor, elsewhere: Tensor) -> Tensor:
 
 def _covariance(some: Tensor, others: Tensor) -> Tensor:
     distance = torch.cdist(some, others, compute_mode="donot_use_mm_for_euclid_dist")  # which would not be 0 between equals
-    return torch.exp(-distance / LENGTH)
+    return distance.div_(-LENGTH).exp_()

