@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 import torch
-import torch._dynamo  # noqa: F401 (by the first step of torch's optimisers: before the clock starts, and for every row)
+import torch._dynamo  # as the first step of torch's optimisers does: before the clock starts, and for every row
 
 from ia_bench.capture.capture import captured
 from ia_bench.capture.capture import record as capture_record
