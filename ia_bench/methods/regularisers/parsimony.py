@@ -29,7 +29,7 @@ ROUGHNESS = 0.2
 """Bandwidth of the roughness."""
 REACH = 0.15
 """Bandwidth of the place, as a fraction of the diagonal of the box around all places."""
-PARTNERS = 2048
+PARTNERS = 1024
 """How many partners each place has, drawn among all."""
 PLACES = 2**18
 """At most, drawn among all: large photographs show each texel in many pixels."""

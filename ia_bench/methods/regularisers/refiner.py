@@ -19,7 +19,7 @@ from ia_bench.render.renderer import texture_images
 
 DARK = 0.02
 """This share of the mean of the photographs is added to both sides of a quotient of radiances, so that black ones have one."""
-SAMPLES = 32
+SAMPLES = 16
 """A pixel takes so many samples of the light in the pictures of a fit that are to be corrected."""
 
 
