@@ -3,8 +3,8 @@
 What it shares with our fit: the scene, the sizes of textures and light, the tone map of the image loss, the L1 loss in
 sRGB of a prior's albedo, the learning rates and their decay, the log radiance of the light, the start. What it has not:
 samples in halves that judge each other (its image loss is an L1, whose sign comes from one set of samples and whose gradient
-from another), batches of pixels from all views, stratified samples, smoothness, delays of single parameters, a step of light
-and albedo together, a target of the shading.
+from another), batches of pixels from all views, stratified samples, smoothness, delays of single parameters, multigrid steps, a
+step of light and albedo together, an albedo that is solved for at the end, metal, a target of the shading.
 """
 
 from __future__ import annotations
