@@ -47,8 +47,7 @@ class LobeVisibility:
 
     def _free(self, points: SurfacePoints, directions: Tensor) -> Tensor:
         above = (directions @ points.geometric[:, :, None])[..., 0] > 0
-        origin = points.position + self._stage.surface.offset * points.geometric
-        return (above & ~self._stage.rays.occluded(origin, directions, above)).float()
+        return (above & ~self._stage.rays.occluded(self._stage.surface.lifted(points), directions, above)).float()
 
 
 VIEW_OCTAVES = 4

@@ -11,6 +11,7 @@ from ia_bench.light.environment import Environment
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.descent import Descent, Phase
+from ia_bench.methods.photographs import stacked
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality
 from ia_bench.scenes.color import linear_to_srgb
@@ -37,7 +38,7 @@ class NeilfFit:
         """The fields as they start; networks draw their weights from ``seed``."""
         self._stage, self._options = problem.stage, options
         self._pixels = TrainingPixels(problem, problem.plan.subsamples)
-        images = torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]).to(problem.device)
+        images = stacked(problem.scene.train, "image").to(problem.device)
         self._edges = scharr_edges(images).reshape(-1)[self._pixels.gbuffer.pixel[self._pixels.entries]]
         vertices = torch.from_numpy(problem.scene.expect_mesh().vertices)
         corners = torch.stack([vertices.amin(0), vertices.amax(0)]).to(problem.device)

@@ -159,9 +159,7 @@ def arriving_light(stage: Stage, points: SurfacePoints, drawn: Directions, refle
     that the head was not trained with.
     """
     above = drawn.weight > 0
-    face, barycentric, _ = stage.rays.intersect(
-        points.position + stage.surface.offset * points.geometric, drawn.direction.contiguous(), above
-    )
+    face, barycentric, _ = stage.rays.intersect(stage.surface.lifted(points), drawn.direction.contiguous(), above)
     light = torch.where((above & (face < 0))[..., None], drawn.radiance, 0)
     if reflections is None:
         return light
