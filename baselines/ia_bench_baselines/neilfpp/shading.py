@@ -16,9 +16,8 @@ from torch import Tensor
 
 from ia_bench.material.brdf import F0, normalize, sample_visible_ggx, visible_ggx_pdf
 from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench_baselines.common.half_vectors import cosines, half_vector
 from ia_bench_baselines.common.spherical_gaussians.lobes import fibonacci_axes
-
-GRAZING = 1e-8  # added to the square of a half vector's length, which is 0 where light comes from behind
 
 
 class Quadrature(NamedTuple):
@@ -84,7 +83,7 @@ def reflect(
         light: (N, D, 3) radiance from them; what lies below the horizon does not count.
     """
     colour, roughness, metallic = material
-    cosine = _cosines(points.normal, directions)
+    cosine = cosines(points.normal, directions)
     lobes = _lobes(points, directions, roughness, cosine) * (weights * cosine.clamp_min(0))[:, None]
     diffuse, glossy, grazing = (lobes @ light).unbind(1)  # (N, 3) each
     at_normal = F0 * (1 - metallic) + metallic * colour
@@ -94,16 +93,10 @@ def reflect(
 def _lobes(points: SurfacePoints, directions: Tensor, roughness: Tensor, cos_i: Tensor) -> Tensor:
     """(N, 3, D): 1, D_r V, and that times Schlick's (1 - o . h)^5."""
     cos_o = (points.normal * points.view).sum(1, keepdim=True).clamp_min(0)
-    length = torch.sqrt((2 + 2 * _cosines(points.view, directions)).clamp_min(0) + GRAZING)
-    cos_h = ((cos_i + cos_o) / length).clamp_max(1)  # of a float's rounding above 1
-    schlick = (1 - length / 2).clamp_min(0) ** 5
+    cos_h, cos_oh = half_vector(points.normal, points.view, directions, cos_i)
+    schlick = (1 - cos_oh).clamp_min(0) ** 5
     alpha = roughness * roughness
     distribution = torch.exp(2 * (cos_h - 1) / (alpha * alpha)) / (math.pi * alpha * alpha)
     k = alpha / 2
     lobe = distribution * (0.5 / (cos_i.clamp_min(0) * (1 - k) + k)) * (0.5 / (cos_o * (1 - k) + k))
     return torch.stack([torch.ones_like(lobe), lobe, lobe * schlick], 1)
-
-
-def _cosines(axis: Tensor, directions: Tensor) -> Tensor:
-    """Between unit vectors of N points (N, 3) and the directions of each (N, D, 3): (N, D)."""
-    return (directions @ axis[..., None])[..., 0]

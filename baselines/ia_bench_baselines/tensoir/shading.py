@@ -15,19 +15,7 @@ from torch import Tensor
 
 from ia_bench.material.brdf import F0
 from ia_bench.render.gbuffer import SurfacePoints
-
-GRAZING = 1e-8  # added to the square of a half vector's length, which is 0 where light comes from behind
-
-
-def half_vector(normal: Tensor, view: Tensor, directions: Tensor, cos_i: Tensor) -> tuple[Tensor, Tensor]:
-    """The cosines (n . h) and (o . h), in [0, 1], of half vectors between views o (N, 3) and directions (N, D, 3): (N, D) each.
-
-    ``cos_i`` (N, D) is the cosine of the directions with the normal, which may be negative: were it cut at 0 here, (n . h) could be
-    more than 1, and D has a pole there.
-    """
-    length = torch.sqrt((2 + 2 * _cosines(view, directions)).clamp_min(0) + GRAZING)  # of o + w, twice (o . h)
-    towards = cos_i + (normal * view).sum(1, keepdim=True)
-    return (towards / length).clamp(0, 1), length / 2
+from ia_bench_baselines.common.half_vectors import cosines, half_vector
 
 
 def reflect(points: SurfacePoints, albedo: Tensor, roughness: Tensor, directions: Tensor, weights: Tensor, light: Tensor) -> Tensor:
@@ -41,7 +29,7 @@ def reflect(points: SurfacePoints, albedo: Tensor, roughness: Tensor, directions
         weights: (N, D), the solid angles that they stand for.
         light: (N, D, 3) radiance from them; what lies below the horizon does not count.
     """
-    cosine = _cosines(points.normal, directions)
+    cosine = cosines(points.normal, directions)
     cos_o = (points.normal * points.view).sum(1, keepdim=True).clamp_min(0)
     cos_h, cos_oh = half_vector(points.normal, points.view, directions, cosine)
     cos_i = cosine.clamp_min(0)
@@ -54,8 +42,3 @@ def reflect(points: SurfacePoints, albedo: Tensor, roughness: Tensor, directions
     lobes = torch.stack([arriving / math.pi, arriving * distribution * masking * fresnel], 1)
     diffuse, glossy = (lobes @ light).unbind(1)
     return albedo * diffuse + glossy
-
-
-def _cosines(axis: Tensor, directions: Tensor) -> Tensor:
-    """Between unit vectors of N points (N, 3) and the directions of each (N, D, 3): (N, D)."""
-    return (directions @ axis[..., None])[..., 0]
