@@ -1,4 +1,4 @@
-"""InvRender: visibility of lobes against rays, indirect light against what a bowl sends to itself, and it as a method."""
+"""InvRender: visibility of lobes and where rays land against rays, the price on codes, and it as a method."""
 
 import math
 

@@ -1,6 +1,7 @@
 """Spherical Gaussians against quadrature over the sphere: energy, products, integrals over the hemisphere, GGX, fits of a light."""
 
 import math
+from pathlib import Path
 
 import pytest
 import torch
@@ -10,6 +11,7 @@ from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.material.brdf import specular_brdf_cosine
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench_baselines.common.spherical_gaussians import fit
+from ia_bench_baselines.common.spherical_gaussians.__main__ import main
 from ia_bench_baselines.common.spherical_gaussians.lobes import (
     SphericalGaussianEnvironment,
     SphericalGaussians,
@@ -107,8 +109,7 @@ def test_gloss_is_near_ggx_under_a_smooth_light(gloss: Gloss, roughness: float, 
 
 
 def test_drawn_directions_add_up_to_the_irradiance() -> None:
-    """Each weight is 1 / (D density), of three techniques: their sums are the irradiance that a quadrature finds, and exact
-    where the light is an even sky, of which the cosine is one technique."""
+    """Each weight is 1 / (D density), of three techniques: their sums are the irradiance that a quadrature finds."""
     lobes = random_lobes(12, 4)
     lobes = lobes._replace(sharpness=lobes.sharpness.clone().index_fill(0, torch.tensor([0]), 3000.0))  # a sun
     normal = tilted(30).expand(1000, 3)
@@ -137,3 +138,8 @@ def test_a_fit_finds_lobes_again_and_is_kept(monkeypatch: pytest.MonkeyPatch) ->
     assert torch.allclose(irradiance(found, normal), irradiance(light.lobes, normal), rtol=0.06)
     monkeypatch.setattr(fit, "_fit", lambda *_: pytest.fail("it was kept"))
     assert all(torch.equal(one, other) for one, other in zip(fit.fit_light(light, count=24), found, strict=True))
+
+
+def test_a_light_that_is_missing_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tmp_path / "none.exr")]) == 2
+    assert capsys.readouterr().err == f"ia_bench: {tmp_path / 'none.exr'}: no such image\n"
