@@ -1,6 +1,7 @@
 """What the priors with small networks share: weights in files, runs that resume, and the generator's images under other lights."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from torch.optim import Adam
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.priors.weight_files import fill
-from ia_bench_baselines.common.training import WEIGHTS, RunSettings, initial_weights, run
+from ia_bench_baselines.common.training import WEIGHTS, RunSettings, initial_weights, run, training_command
 from ia_bench_training.resuming import VALIDATIONS
 
 
@@ -76,3 +77,19 @@ def test_a_killed_run_validates_every_step_once_and_ends_with_the_very_same_weig
     assert torch.equal(straight.weight, resumed.weight)
     with pytest.raises(InputError, match=r"expected the data that .*half began with \(\{\}\), found \{'objects': 9\}"):
         run(Line(3), settings(half, steps=70), {"objects": 9}, Progress())
+
+
+class Unjudged(Line):
+    """One whose weights are not worth keeping yet, as those of Yi et al. in their supervised steps."""
+
+    def validate(self) -> dict[str, float]:
+        return {"square": 0.0}
+
+
+@pytest.mark.parametrize("kind", [Line, Unjudged])
+def test_a_command_names_weights_that_are_there(
+    kind: type[Line], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["train", f"data={tmp_path}", f"out={tmp_path}", "steps=2"])
+    assert training_command(RunSettings, "", lambda chosen, progress: run(kind(3), chosen, {}, progress)) == 0
+    assert (str(tmp_path / WEIGHTS) in capsys.readouterr().err) == (tmp_path / WEIGHTS).is_file() == (kind is Line)

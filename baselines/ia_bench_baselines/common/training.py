@@ -188,13 +188,15 @@ SettingsOf = TypeVar("SettingsOf", bound=RunSettings)
 def training_command(settings: type[SettingsOf], usage: str, train: Callable[[SettingsOf, Progress], dict[str, Any]]) -> int:
     """Train as the process's arguments say, or print ``usage`` and every setting; returns the exit status.
 
-    ``train`` returns the best validation figures.
+    ``train`` returns the best validation figures, none where no weights were worth keeping.
     """
 
     def work(arguments: Sequence[str]) -> int:
         with Progress() as progress:
             chosen = read_arguments(settings, arguments)
-            progress.note(f"best: {train(chosen, progress)}; {chosen.out / WEIGHTS}")
+            best = train(chosen, progress)
+            none = f"{chosen.out}: no weights yet, as no validation so far was worth keeping any; more steps go on"
+            progress.note(f"best: {best}; {chosen.out / WEIGHTS}" if best else none)
         return OK
 
     return command(lambda: usage + settings_text(settings), work, None)
