@@ -93,6 +93,15 @@ class Clock:
         return slow
 
 
+@pytest.mark.parametrize("method", [InvRender, Neilfpp, Nvdiffrec, Nvdiffrecmc, Tensoir])
+def test_the_full_preset_takes_four_times_all_steps(method: type[Any]) -> None:
+    """As the rows that are called so say."""
+    defaults = method.Options()
+    full = method.presets["full"]
+    assert full == {name: 4 * getattr(defaults, name) for name in full}
+    assert full.keys() == {name for name in vars(defaults) if name == "steps" or name.endswith("_steps")}
+
+
 @pytest.mark.parametrize("name", [name if name == "nvdiffrec" else pytest.param(name, marks=pytest.mark.slow) for name in METHODS])
 def test_a_method_keeps_the_contract(name: str, tiny: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(spherical_gaussians, "STEPS", 5)  # of lights that are given

@@ -65,7 +65,7 @@ class Neilfpp:
     Options: ClassVar[type] = NeilfppOptions
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "smoke": {"surface_light_steps": 30, "material_steps": 5, "joint_steps": 30, "rendered_directions": 64},
-        "full": {"surface_light_steps": 2400, "material_steps": 400, "joint_steps": 3600},
+        "full": {"surface_light_steps": 2400, "material_steps": 400, "joint_steps": 4000},
         "paper": {
             "surface_light_steps": 5000,
             "material_steps": 1000,

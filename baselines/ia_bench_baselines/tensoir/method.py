@@ -82,7 +82,7 @@ class Tensoir:
             "coarse": 16,
             "fine": 24,
         },
-        "full": {"radiance_steps": 1600, "coarse_steps": 1200, "fine_steps": 1200},
+        "full": {"radiance_steps": 1600, "coarse_steps": 1600, "fine_steps": 2000},
         "paper": {
             "radiance_steps": 10_000,
             "coarse_steps": 10_000,
