@@ -228,7 +228,8 @@ def analyse(collection: Collection, table: Table | None = None, rows: Sequence[s
         f"{name_of(one)}: left out, scored under {one['protocol']} and not {protocol} ({one['folder']})"
         for one in others.to_dict("records")
     ]
-    notes += [f"left out, no record of a run: {problem}" for problem in collection.unreadable] + _mixed_rows(runs)
+    notes += [f"left out, no record of a run: {problem}" for problem in collection.unreadable]
+    notes += _mixed_scenes(runs) + _mixed_rows(runs)
     uncurved = runs[runs["curve_problem"].notna()].to_dict("records")
     notes += [f"{name_of(run)}: no curve: {run['curve_problem']}" for run in uncurved]
     papers = {row: one for row, one in counterparts(table.papers).items() if row in rows}  # the paper left no photographs out
@@ -238,6 +239,20 @@ def analyse(collection: Collection, table: Table | None = None, rows: Sequence[s
 def _ordered(first: Sequence[str], found: Iterable[str]) -> tuple[str, ...]:
     """The names asked for, in their order, then the others that were found, by name."""
     return (*first, *sorted(set(found) - set(first)))
+
+
+def _mixed_scenes(runs: Runs) -> list[str]:
+    """A sentence for every scene of which runs, as far as folders hold their configurations, have read different files."""
+    found = []
+    for scene, mine in runs.dropna(subset=["setup"]).groupby("scene", sort=False):
+        rows: dict[str, dict[str, None]] = {}  # what stands for the files -> the rows that read them
+        for row, setup in zip(mine["row"], mine["setup"], strict=True):
+            if "scene" in setup.identity:
+                rows.setdefault(repr(setup.identity["scene"]), {})[row] = None
+        if len(rows) > 1:
+            sides = " / ".join(_some([*some]) for some in rows.values())
+            found.append(f"{scene}: its runs have read different files under this name, so that they do not compare: {sides}")
+    return found
 
 
 def _mixed_rows(runs: Runs) -> list[str]:

@@ -24,6 +24,19 @@ def test_a_row_whose_runs_differ_in_a_setting_is_named(write_run: Write) -> None
     ]
 
 
+def test_a_scene_under_whose_name_different_files_were_read_is_named(write_run: Write) -> None:
+    """Two rows were run before the scene was rendered again, one of them after it, too; a former run does not say what it read."""
+    read = [("ours", 0, "a"), ("none", 0, "a"), ("none", 1, "b"), ("theirs", 0, "b"), ("former", 0, None)]
+    folders = [
+        put_setup(write_run(row, "hat", seed), {"scene": {"name": "hat", "content": content}} if content else {})
+        for row, seed, content in read
+    ]
+    ship = [put_setup(write_run(row, "ship"), {"scene": {"name": "ship", "content": "c"}}) for row in ("ours", "none")]
+    assert list(analyse(collect([*folders, *ship])).notes) == [
+        "hat: its runs have read different files under this name, so that they do not compare: none, ours / none, theirs"
+    ]
+
+
 def test_scenes_with_readers_of_their_own_are_of_one_configuration(write_run: Write) -> None:
     def notes(*readings: tuple[str, dict[str, int]]) -> str:
         """What is said of ``hat``, read natively, beside a run of ``mug`` for each of the readings."""
