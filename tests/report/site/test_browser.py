@@ -71,6 +71,24 @@ def test_behind_a_number_are_its_seeds_and_the_keyboard_gets_there_and_back(page
     assert dialog.is_hidden()
 
 
+@pytest.mark.parametrize("how", ["fold", "sort", "hide"])
+def test_the_keyboard_gets_into_the_table_after_the_number_it_was_at_has_gone(page: Any, how: str) -> None:
+    page.locator("#all-metrics").check()
+    page.locator("#scope-0 .unfold").first.click()
+    page.locator("#scope-0 tbody td").first.focus()
+    page.keyboard.press("ArrowDown")  # to a scene of the row
+    page.keyboard.press("ArrowRight")  # to one of the metrics that are shown on request
+    if how == "fold":
+        page.locator("#scope-0 .unfold").first.click()
+    elif how == "sort":
+        page.locator("#scope-0 [data-sort='relighting.psnr']").click()
+    else:
+        page.locator("#all-metrics").uncheck()
+    reached = page.locator("#scope-0 tbody td[tabindex='0']")
+    assert reached.count() == 1
+    assert reached.is_visible()
+
+
 def test_from_the_best_row_of_a_scene_to_its_pictures(page: Any) -> None:
     page.get_by_role("tab", name="tiny").click()
     page.locator("#scope-2 .leaders .who[data-key='relighting.psnr']").click()

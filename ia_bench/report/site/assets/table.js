@@ -33,6 +33,8 @@
   const keys = bench.all("thead th", panels[0]).map((head) => head.dataset.key);
   bench.cellOf = (row, key) => row.cells[keys.indexOf(key)];
   bench.keyOf = (cell) => keys[cell.cellIndex];
+  // Tab leads to the first number, from where arrow keys go on; also after the one that it led to has gone.
+  const reachable = (table) => bench.all("tbody td", table).forEach((number, place) => { number.tabIndex = place ? -1 : 0; });
   const rowsOf = (body) => [...body.rows].filter((row) => !row.classList.contains("part"));
 
   bench.sort = (table, key, how) => {
@@ -51,6 +53,7 @@
     const empty = (row) => (Number.isNaN(value(row)) ? 1 : 0); // without a value: last, either way
     const sorted = how === "none" ? order.get(table) : [...order.get(table)].sort((a, b) => (key !== "row" && empty(a) - empty(b)) || sign * compare(a, b));
     body.append(...sorted);
+    reachable(table);
     bench.all("thead th", table).forEach((head) => {
       const mine = head.dataset.key === key && how !== "none";
       head.setAttribute("aria-sort", mine ? (sign > 0 ? "ascending" : "descending") : "none");
@@ -76,12 +79,16 @@
     button.setAttribute("aria-expanded", open);
     if (open) row.after(...parts(row.dataset.row));
     else while (row.nextElementSibling && row.nextElementSibling.classList.contains("part")) row.nextElementSibling.remove();
+    reachable(row.closest("table"));
   }));
 
   // ---- what is shown ----------------------------------------------------------------------------------------------
   for (const [id, name] of [["all-metrics", "wide"], ["whole-images", "with-whole"], ["with-paper", "with-paper"]]) {
     const box = bench.find(`#${id}`);
-    if (box) box.addEventListener("change", () => bench.find("#table").classList.toggle(name, box.checked));
+    if (box) box.addEventListener("change", () => {
+      bench.find("#table").classList.toggle(name, box.checked);
+      bench.all("table.results").forEach(reachable);
+    });
   }
 
   // ---- numbers: click, or arrow keys and Enter --------------------------------------------------------------------
@@ -94,7 +101,7 @@
     bench.showEvidence(row.dataset.row, row.dataset.scope || number.closest(".scope").dataset.scope, bench.gains[key] || key, number);
   };
   for (const table of bench.all("table.results")) {
-    bench.all("tbody td", table).forEach((number, place) => { number.tabIndex = place ? -1 : 0; });
+    reachable(table);
     table.addEventListener("click", (event) => { const number = event.target.closest("tbody td"); if (number) open(number); });
     table.addEventListener("keydown", (event) => {
       const number = event.target.closest("tbody td");
