@@ -115,6 +115,15 @@ def test_the_same_runs_give_the_same_bytes_no_address_to_fetch_and_no_markup(fol
     assert [run["problem"] for run in page_data(page)["runs"] if "problem" in run] == ["</script><b>not finite</b>"]
 
 
+def test_a_cell_of_the_map_names_its_scenes_whatever_they_are_called(tmp_path: Path) -> None:
+    scenes = ["a|b", 'it\'s "mine" & <b>']
+    runs = [scored(row, scene, 0, psnr) for row, psnr in (("none", 20.0), ("ours", 21.0)) for scene in scenes]
+    table = Table(rows=[Row("none", []), Row("ours", [])], reference="none", captures=[{}])
+    text = write_page(analyse(Collection(as_table(runs)), table), "t", tmp_path).read_text(encoding="utf-8")
+    (told, *_) = re.findall(r"data-scenes='([^']*)'", text)
+    assert json.loads(html.unescape(told)) == scenes
+
+
 def test_a_run_tells_its_command_and_what_many_runs_share_is_told_once(write_run: Write, tmp_path: Path) -> None:
     environment = {"cpu": "Abacus 2", "threads": 1, "packages": {"torch": "3", "numpy": None}}
     folders = [write_run("ours", "hat", seed, environment=environment, files={"a.exr": "0123456789abcdef"}) for seed in (0, 1)]

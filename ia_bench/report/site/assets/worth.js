@@ -12,7 +12,7 @@
     const cell = event.target.closest(".gain");
     if (!cell) return;
     const { row, reference, key, scenes } = cell.dataset;
-    const drawn = scenes.split("|").filter((scene) => bench.data.pictures[scene]?.rows[row]);
+    const drawn = JSON.parse(scenes).filter((scene) => bench.data.pictures[scene]?.rows[row]);
     const scene = drawn.includes(bench.look?.scene) ? bench.look.scene : drawn[0];
     if (scene) bench.lookAt(scene, row, bench.kindOf(key), reference);
     else bench.showEvidence(row, bench.scopes[0], key, cell);
