@@ -194,18 +194,22 @@ def pipe_table(one: Printed) -> str:
 
 
 def _markdown(cell: Entry | str) -> str:
-    """An entry with its names kept from being read as markup, or as mathematics, which stands between dollar signs."""
+    """An entry in one line, with its names kept from being read as markup, or as mathematics, which is between dollar signs."""
     cell = Entry(cell) if isinstance(cell, str) else cell
-    text = "".join(f"\\{letter}" if letter in "\\`*_|[]<>$" else letter for letter in cell.text)
+    text = "".join(f"\\{letter}" if letter in "\\`*_|[]<>$~" else letter for letter in _one_line(cell.text))
     return (f"**{text}**" if cell.best else text) + "".join(f"[^{number}]" for number in cell.notes)
+
+
+def _one_line(text: str) -> str:
+    """The text in one line: those of others' records may have lines that begin a heading, or empty ones, which end a caption."""
+    return " ".join(filter(None, text.splitlines()))
 
 
 def tex(cell: Entry | str) -> str:
     """An entry with its special characters kept from being read as commands."""
     cell = Entry(cell) if isinstance(cell, str) else cell
-    text = "".join(LATEX.get(letter, letter) for letter in cell.text.replace(" †", "†").replace(" ‡", "‡")).replace(
-        r" $\pm$ ", r"\,$\pm$\,"
-    )
+    told = _one_line(cell.text).replace(" †", "†").replace(" ‡", "‡")
+    text = "".join(LATEX.get(letter, letter) for letter in told).replace(r" $\pm$ ", r"\,$\pm$\,")
     text = f"{{}}{text}" if text[:1] in ("[", "*") else text  # which the end of the line before would take for its own
     notes = f"$^{{{','.join(map(str, cell.notes))}}}$" if cell.notes else ""
     return (rf"\textbf{{{text}}}" if cell.best else text) + notes

@@ -234,3 +234,14 @@ def test_what_prepares_the_scene_counts_for_no_row(write_run: Write) -> None:
     second = read_run(write_run("second", "hat", time_s=spent | {"capture": 0.01}))
     assert first["seconds"] == second["seconds"] == 36.0
     assert first["seconds_capture"] == 110.0, "it is still told"
+
+
+def test_what_a_record_of_others_says_in_several_lines_ends_no_list_and_no_caption(write_run: Write, tmp_path: Path) -> None:
+    """Markdown would take the third line for a heading of the report, and LaTeX stop at the empty one."""
+    said = "not finite\n\n# Results of another"
+    failed = write_run("theirs", "hat", status="failed", error=said)
+    undefined = write_run("ours", "hat", psnr=None, reasons={f"{name}.psnr": said for name in TRIPLES})
+    out = write_report([failed, undefined], tmp_path / "out").files[0].parent
+    assert "# Results of another" not in (out / "report.md").read_text().splitlines()
+    assert "- theirs, hat, seed 0: not finite # Results of another" in (out / "report.md").read_text().splitlines()
+    assert r"not finite \# Results of another" in (out / "table.tex").read_text()

@@ -196,6 +196,7 @@ def test_latex_and_markdown_escape_every_special_character() -> None:
     assert tex("a|b") == "a$|$b", "which is a dash in LaTeX's first fonts"
     assert (tex("*ours"), tex("[7] theirs")) == ("{}*ours", "{}[7] theirs"), "behind a line's end they would be options of it"
     assert pipe_table(Printed(["Row"], [["$a_b$ | <i>*c*</i>"]])).splitlines()[-1] == r"| \$a\_b\$ \| \<i\>\*c\*\</i\> |"
+    assert pipe_table(Printed(["Row"], [["~~less~~"]])).splitlines()[-1] == r"| \~\~less\~\~ |", "which would be struck through"
 
 
 def test_the_papers_bold_figures_are_the_papers() -> None:
