@@ -10,6 +10,7 @@
     return place >= 0 ? run.values[place] : run[key];
   };
   const text = (number, key) => {
+    if (key === "failed") return "finished"; // of a run that has not
     if (number === null || number === undefined) return "–";
     const metric = bench.metricOf(key);
     if (metric) return number.toFixed(metric.digits);
