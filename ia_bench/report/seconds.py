@@ -228,7 +228,7 @@ def _unequal(measured: Runs, counted: str) -> str:
         if len(values) > 1 or values == ["unknown"]:
             found.append(f"{name} ({', '.join(values[:MOST])}{' and others' if len(values) > MOST else ''})")
     so = "their own seconds are not used" if counted == STATED else "their seconds hardly compare"
-    return f"Runs differ in {' and '.join(found)}: {so}." if found else ""
+    return f"Runs differ or may differ in {' and '.join(found)}: {so}." if found else ""
 
 
 # ---- what is told ------------------------------------------------------------------------------------------------------
