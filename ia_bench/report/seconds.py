@@ -176,7 +176,7 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
     """The clocks of a report's runs; None where nothing is compared, or no run of a reference took time.
 
     ``reference``: the row that all others are compared with, where the table's captures do not have one each. Seconds are CPU
-    seconds where every run has them, else what the table states, else wall-clock seconds.
+    seconds where every run has them, else what the table states, if it does so of a reference, else wall-clock seconds.
     """
     done = finished(runs)
     labels = ["", *(capture_of(one).label for one in table.captures)]
@@ -186,14 +186,18 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
         done = done[done["declared"].isna()]
     done = done[done["seconds"] > 0]
     stated = {row.name: row.cost for row in table.crossed_rows if row.cost is not None}
-    counted = CPU if len(done) and (done["cpu_seconds"] > 0).all() else STATED if stated else WALL
-    spent = side_by_side(done, "cpu_seconds" if counted == CPU else "seconds")
     blind = frozenset(done["row"]) - set(done.loc[done["sees_truth"].eq(True), "row"])
     if table.captures:
         names = [row.name for row in table.rows]
         known = [(label, crossed_name(table.reference, label), names) for label in labels[1:]] if table.reference else []
     else:
         known = [("", reference, there)] if reference else []
+    counted = WALL
+    if len(done) and (done["cpu_seconds"] > 0).all():
+        counted = CPU
+    elif any(first in stated for _, first, _ in known):  # else there would be nothing to divide by
+        counted = STATED
+    spent = side_by_side(done, "cpu_seconds" if counted == CPU else "seconds")
     clocks = []
     for label, first, names in known:
         rows = tuple(row for name in names if (row := crossed_name(name, label)) in there)

@@ -113,6 +113,8 @@ def test_cpu_seconds_count_where_every_run_has_them_then_costs_of_the_table_then
     assert time.counted == seconds.STATED
     assert time.clocks[0].costs == {"none": 1.0, "twice": 1.5, "ours": 2.0}
     assert time.clocks[0].curve == ("none", "twice")
+    partly = clocked(former, replace(TABLE, rows=[replace(row, cost=4.0 if row.name == "ours" else None) for row in TABLE.rows]))
+    assert (partly.counted, partly.clocks[0].costs["none"]) == (seconds.WALL, 1.0), "of the reference it states none"
 
 
 def test_the_first_sentence_says_what_spoils_the_comparison() -> None:
