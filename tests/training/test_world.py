@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 from training.test_dataset import shard
 from training.test_loop import folders, same_process, train  # noqa: F401 (fixtures)
 
@@ -17,7 +18,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench_training.settings import TrainSettings
 from ia_bench_training.shards import ShardInfo, shard_path, write_shard
-from ia_bench_training.world import banks, held_out
+from ia_bench_training.world import banks, held_out, views
 from ia_bench_training.world.held_out import SEED, HeldOutRequest, make_held_out
 from ia_bench_training.world.images import Mixture, WorldImages
 from ia_bench_training.world.layout import DIRECTIONS, LOBES, WORLD, directions, filtered
@@ -154,6 +155,18 @@ def test_a_world_is_not_changed_under_a_training(world, tmp_path):
             _meshes(tmp_path)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"")
+
+
+def test_a_world_gets_the_objects_that_it_lacks(tmp_path, monkeypatch):
+    """A last file of fewer than 25 objects is made again where more are asked for, or fewer, and else kept."""
+    monkeypatch.setattr(views, "procedural", lambda rng: views.Shape(*[None] * 5, -1))
+    monkeypatch.setattr(views, "trace", lambda *_: [{"pixel": torch.zeros(1), "camera": torch.eye(3)}])
+    path, made = tmp_path / "views_procedural_0000.safetensors", []
+    for count in (1, 25, 25, 2):
+        _trace(request(tmp_path), 0, count, [])
+        made.append((len(load_file(path)["atlas"]), path.stat().st_mtime_ns))
+    assert [count for count, _ in made] == [1, 25, 25, 2]
+    assert made[2] == made[1]
 
 
 def test_meshes_that_nothing_can_draw_leave_no_views(tmp_path):

@@ -48,6 +48,7 @@ Finished files are kept, so that the command can be stopped and repeated, or rep
   workers  processes, one thread each (1)
 """
 PART = 25  # objects in a file of views
+OBJECTS = "objects"  # what the metadata of such a file call their number
 PALETTES = 1024
 _TILE, _LIGHT, _PALETTE, _OBJECT, _MESH = range(5)  # purposes of random streams
 
@@ -142,7 +143,7 @@ def _banks(request: WorldRequest, meshes: Sequence[Path], progress: Progress) ->
 def _trace(request: WorldRequest, first: int, count: int, meshes: Sequence[Path]) -> None:
     """Trace ``count`` procedural objects from number ``first`` on, or these real ``meshes``, into a file of their own."""
     path = request.out / VIEWS.format(KINDS[bool(meshes)], first // PART)
-    if path.is_file() and (meshes or count == PART):  # a short one may have been made when fewer were asked for
+    if path.is_file() and (meshes or _objects(path) == count):  # it is of others where more or fewer were asked for
         return
     found, atlases = list[dict[str, Tensor]](), list[int]()
     for number in range(first, first + (count or len(meshes))):
@@ -156,16 +157,22 @@ def _trace(request: WorldRequest, first: int, count: int, meshes: Sequence[Path]
             seen = views.trace(shape, rng, 2 if meshes else request.views, request.size)
             found, atlases = found + seen, atlases + [shape.atlas] * len(seen)
     if found:
-        _save(path, views.gathered(found, atlases))
+        _save(path, views.gathered(found, atlases), {OBJECTS: str(count)})
+
+
+def _objects(path: Path) -> int:
+    """How many procedural objects a file of views was made of; files of before this was written hold PART."""
+    with safe_open(path, "pt") as file:
+        return int((file.metadata() or {}).get(OBJECTS, PART))
 
 
 def _stream(request: WorldRequest, *path: int) -> np.random.Generator:
     return np.random.default_rng([request.seed, *path])
 
 
-def _save(path: Path, tensors: dict[str, Tensor]) -> None:
+def _save(path: Path, tensors: dict[str, Tensor], metadata: dict[str, str] | None = None) -> None:
     with whole_file(path) as partial:
-        save_file({name: values.contiguous() for name, values in tensors.items()}, partial)
+        save_file({name: values.contiguous() for name, values in tensors.items()}, partial, metadata)
 
 
 main = command_of(USAGE, WorldRequest, make_world)
