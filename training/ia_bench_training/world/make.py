@@ -121,15 +121,19 @@ def _banks(request: WorldRequest, meshes: Sequence[Path], progress: Progress) ->
         tiles, chances = banks.real_tiles(request.real)
         paths = open_files(sorted((request.real / "lights").rglob("*.hdr")))
         lights = [light for k, path in enumerate(paths) for light in banks.photographed(path, _stream(request, _LIGHT, k, 1))]
-        progress.note(f"{len(tiles)} real textures, {len(paths)} photographed lights, {len(meshes)} real meshes")
     real_tiles, real_lights = len(tiles), len(lights)
     drawn = np.stack([banks.procedural_tile(_stream(request, _TILE, k)) for k in range(request.tiles)])
     lights += [banks.procedural_light(_stream(request, _LIGHT, k)) for k in range(request.lights)]
     atlases = np.zeros((max(len(meshes), 1), ATLAS, ATLAS, 5), np.uint8)
+    drawn_meshes = 0
     for number, path in enumerate(meshes):
         asset = views.load_mesh(path)
         if asset is not None:
+            drawn_meshes += 1
             atlases[number] = banks.atlas(asset.albedo, asset.roughness, asset.metallic)
+    if meshes:
+        real = f"{real_tiles} real textures, {real_lights // banks.VARIANTS} photographed lights, {drawn_meshes} real meshes"
+        progress.note(f"{real}; {len(meshes) - drawn_meshes} are left out, for their textures repeat")
     stored = {"tiles": banks.packed(np.concatenate([tiles, drawn]), LEVELS), "atlases": banks.packed(atlases, ATLAS_LEVELS)}
     return {
         **{f"{name}.{part}": values for name, parts in stored.items() for part, values in parts.items()},
