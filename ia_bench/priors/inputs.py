@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, Literal
+from typing import Literal
 
 import torch
 from torch import Tensor
@@ -49,12 +49,6 @@ def use_bf16(precision: Precision, device: torch.device) -> bool:
     Processors sum such products each in its own way: samples of one seed differ by up to .008 between them, in float32 by 1e-6.
     """
     return precision == "bf16" or (precision == "auto" and device.type == "cuda" and torch.cuda.is_bf16_supported())
-
-
-def with_precision(options: Mapping[str, Any]) -> dict[str, Any]:
-    """A prior's options with what precision "auto" means on this machine, for it decides answers and so identifies a run."""
-    bf16 = use_bf16(options.get("precision", "auto"), choose_device(options.get("device", "auto")))
-    return {**options, "precision": "bf16" if bf16 else "float32"}
 
 
 def content_number(image: Tensor, mask: Tensor) -> int:

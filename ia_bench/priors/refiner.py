@@ -1,4 +1,4 @@
-"""``prior=refiner``: a network that corrects what a fit has recovered, at its end.
+"""``prior=refiner``: the regressor while a fit runs, and a network that corrects what the fit has recovered at its end.
 
 The network is a small U-Net at full resolution that was trained on fits. Levels are divided out before it sees anything: of the
 photograph by its mean, of the albedo by its own. So it can say nothing about how bright the whole object is painted, which
@@ -8,7 +8,7 @@ photographs of an unknown light do not tell.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,10 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.contract import Observations, PriorInfo, Samples
+from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.diffusion.encoding import DARKEST, box_of
-from ia_bench.priors.inputs import Device, Precision, choose_device, use_bf16, with_precision
-from ia_bench.priors.weight_files import fill, read_description, weights_folder
+from ia_bench.priors.diffusion.learned import RegressorPrior, weights_folder
+from ia_bench.priors.weight_files import fill, read_description
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 
 DESCRIPTION, WEIGHTS = "refiner.json", "refiner.safetensors"
@@ -45,47 +45,35 @@ VIEW_COUNT_SCALE = 6  # the log2 of 1 + view_count is divided by this: 63 photog
 
 
 @dataclass(kw_only=True, eq=False)
-class RefinerPrior:
-    """A network that was trained on fits of procedural scenes. Of photographs alone it says nothing.
+class RefinerPrior(RegressorPrior):
+    """The regressor, and beside it a network that was trained on fits of procedural scenes.
 
     It sees a photograph, what the fit shows there (material, radiance, specular shading, and how well it explains several
     photographs of the place), normals, ambient visibility, and how many photographs show the place; it returns albedo and
     roughness as such fits have them when they are right. Those several are all photographs of the fit in training, and in a run
     those that the prior is asked about (with prior.views=auto about a third of a hundred, say).
 
+    The fingerprint is that of the samples, on which the refiner's weights have no influence.
+
     Attributes:
-        weights: A folder that ia_bench_training.train_refiner wrote, or None for the weights that come with the package.
-        precision: float32, bf16, or auto (bf16 on a GPU).
-        device: auto, cpu or cuda; auto is CUDA where there is some, but the CPU in a run with device=cpu.
+        refiner: The network's weights, a folder that ia_bench_training.train_refiner wrote, or None for the packaged ones;
+            ``weights`` are the regressor's.
 
     Raises:
         InputError: The weights cannot be used.
     """
 
-    info = PriorInfo(frozenset(), wants=WANTS)
-
-    weights: str | None = None
-    precision: Precision = "auto"
-    device: Device = "auto"
-
-    @classmethod
-    def resolved_options(cls, options: Mapping[str, Any]) -> dict[str, Any]:
-        """The options with what precision "auto" means on this machine."""
-        return with_precision(options)
+    refiner: str | None = None
 
     @classmethod
     def files(cls, options: Mapping[str, Any]) -> list[Path]:
-        """What corrections depend on beside code and options: the weights."""
-        return [weights_folder(options.get("weights"), "refiner")]
+        """The weights of both networks."""
+        return [*super().files(options), weights_folder(options.get("refiner"), "refiner")]
 
     def __post_init__(self) -> None:
-        self._device = choose_device(self.device)
-        self.bf16 = use_bf16(self.precision, self._device)
-        self._network = load_refiner(weights_folder(self.weights, "refiner")).to(self._device)
-
-    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
-        """Nothing."""
-        return Samples({})
+        super().__post_init__()
+        self.info = replace(self.info, wants=WANTS)
+        self._network = load_refiner(weights_folder(self.refiner, "refiner")).to(self._device)
 
     @torch.no_grad()
     def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:

@@ -12,17 +12,10 @@ from torch import nn
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, read_json
-from ia_bench.common.paths import PACKAGE
 from ia_bench.common.settings import parsed
 
 FORMAT = 1
-PACKAGED = PACKAGE / "priors" / "weights"
 Config = TypeVar("Config")
-
-
-def weights_folder(weights: str | None, kind: str) -> Path:
-    """The folder of weights that an option names, or that of the package with those of this ``kind``."""
-    return Path(weights).expanduser() if weights else PACKAGED / kind
 
 
 def read_description(path: Path, kind: type[Config]) -> tuple[Config, dict[str, Any]]:

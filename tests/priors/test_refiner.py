@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pytest
 import torch
+from priors.tiny_network import tiny_weights
 from torch import Tensor
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.painted_ball import painted_ball
-from ia_bench.priors.contract import COMPONENTS, NoPrior, Refiner
-from ia_bench.priors.corrected import WrappedPrior
+from ia_bench.priors.contract import COMPONENTS, Refiner
+from ia_bench.priors.corrected import CorrectedPrior
 from ia_bench.priors.refiner import DESCRIPTION, RefinerConfig, RefinerNetwork, RefinerPrior, Seen, load_refiner, see
 from ia_bench_training.saving import save_refiner
 
@@ -30,7 +31,7 @@ def trained(seed: int = 0) -> RefinerNetwork:
 def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     root = tmp_path_factory.mktemp("refiner")
     save_refiner(root / "refiner", trained(), {})
-    return {"weights": str(root / "refiner")}
+    return {"weights": str(tiny_weights(root / "regressor", "regressor")), "refiner": str(root / "refiner")}
 
 
 def renders() -> dict[str, Tensor]:
@@ -109,11 +110,22 @@ def test_weights_come_back(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "weights" / DESCRIPTION).read_text())["provenance"] == {"steps": 3}
 
 
+def test_samples_are_kept_whatever_corrects_them(folders: dict[str, str], tmp_path: Path) -> None:
+    save_refiner(tmp_path / "refiner", trained(1), {})
+    regressor = str(tiny_weights(tmp_path / "regressor", "regressor", seed=1))
+    others = ({}, {"refiner": str(tmp_path / "refiner")}, {"weights": regressor})
+    first, second, third = (RefinerPrior(**{**folders, **other}) for other in others)
+    assert first.fingerprint == second.fingerprint != third.fingerprint
+    samples = [prior.sample(BALL, seed=0).values["albedo"] for prior in (first, second, third)]
+    assert torch.equal(samples[0], samples[1])
+    assert not torch.equal(samples[0], samples[2])
+
+
 def test_it_refines_behind_a_wrapper(folders: dict[str, str]) -> None:
-    """As the prior behind it does; around what cannot refine it offers nothing."""
-    prior = RefinerPrior(**folders)
-    wrapped = WrappedPrior(prior)
-    assert isinstance(wrapped, Refiner)
-    plain, found = (each.refine(BALL, renders()).values for each in (prior, wrapped))
+    """What sees truth still corrects a fit as the prior behind it does; what cannot refine offers nothing."""
+    corrected = CorrectedPrior(of="refiner", share=0.5, of_options=folders)
+    assert isinstance(corrected, Refiner)
+    plain = RefinerPrior(**folders).refine(BALL, renders()).values
+    found = corrected.refine(BALL, renders()).values
     assert all(torch.equal(found[name], plain[name]) for name in ("albedo", "roughness"))
-    assert not isinstance(WrappedPrior(NoPrior()), Refiner)
+    assert not isinstance(CorrectedPrior(of="regressor"), Refiner)

@@ -12,7 +12,7 @@ import pytest
 
 from ia_bench.common.settings import parsed
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.priors import inputs, weight_files
+from ia_bench.priors.diffusion import learned
 from ia_bench.runs import identity as identities
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, cell_name, slug
@@ -155,22 +155,22 @@ def test_what_lies_where_a_setting_says_counts(given: list[str], tmp_path: Path,
 
 
 def test_weights_are_the_prior_s_own_knowledge(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Packaged ones count however the prior is named, and behind another one."""
+    """Packaged ones count however the prior is named, and behind another one; of two folders of weights each counts."""
     before = {name: hash_with(f"prior={name}") for name in PRIORS}
-    monkeypatch.setattr(weight_files, "PACKAGED", tmp_path / "weights")
+    monkeypatch.setattr(learned, "PACKAGED", tmp_path / "weights")
     for kind in ("diffusion", "regressor", "refiner"):
         (tmp_path / "weights" / kind).mkdir(parents=True)
         (tmp_path / "weights" / kind / "weights.safetensors").write_bytes(kind.encode())
     changed = {name: hash_with(f"prior={name}") for name in PRIORS}
     assert {name for name in PRIORS if changed[name] == before[name]} == {"none"}
     monkeypatch.chdir(tmp_path)
-    one = hash_with("prior=refiner", "prior.options.weights=weights")  # a folder that is named by one word
+    one = hash_with("prior=refiner", "prior.options.refiner=weights")  # a folder that is named by one word
     assert one != changed["refiner"]
-    assert setup(compose(["prior=refiner", "prior.options.weights=weights"]))["config"]["prior"]["options"]["weights"] == str(
+    assert setup(compose(["prior=refiner", "prior.options.refiner=weights"]))["config"]["prior"]["options"]["refiner"] == str(
         tmp_path / "weights"
     )
     (tmp_path / "weights" / "refiner" / "weights.safetensors").write_bytes(b"other")
-    assert hash_with("prior=refiner", "prior.options.weights=weights") != one
+    assert hash_with("prior=refiner", "prior.options.refiner=weights") != one
 
 
 def test_a_reader_s_files_are_the_scene_s_and_no_others(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -209,7 +209,7 @@ def test_the_setup_holds_the_command_line_and_absolute_paths(monkeypatch: pytest
 def test_the_precision_that_auto_means_is_part_of_the_hash(prior: str, monkeypatch: pytest.MonkeyPatch) -> None:
     hashes = []
     for fast in (True, False):
-        monkeypatch.setattr(inputs, "use_bf16", lambda *_, fast=fast: fast)
+        monkeypatch.setattr(learned, "use_bf16", lambda *_, fast=fast: fast)
         hashes.append(hash_with(f"prior={prior}"))
     assert hashes[0] != hashes[1]
 

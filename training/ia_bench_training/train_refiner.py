@@ -13,7 +13,7 @@ USAGE = """\
 python -m ia_bench_training.train_refiner data=FOLDER validation=FOLDER out=FOLDER [KEY=VALUE ...]
 
 Trains the refiner on fits made by python -m ia_bench_training.fit_data. The same command resumes a run that was stopped.
-out/weights holds the averaged weights (prior=refiner prior.options.weights=out/weights uses them), out/validation.jsonl
+out/weights holds the averaged weights (prior=refiner prior.options.refiner=out/weights uses them), out/validation.jsonl
 the figures.
 
 Settings and their defaults

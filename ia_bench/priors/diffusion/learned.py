@@ -16,15 +16,17 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import hash_of_files, is_file
+from ia_bench.common.paths import PACKAGE
 from ia_bench.common.ranges import Number
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion import encoding
 from ia_bench.priors.diffusion.encoding import Frame, enlarge, enlarge_by_difference, enlarge_by_gain
 from ia_bench.priors.diffusion.network import DESCRIPTION, FILES, Conditioned, MaterialNetwork, NetworkConfig, load_network
-from ia_bench.priors.inputs import Device, Precision, choose_device, content_number, use_bf16, with_precision
-from ia_bench.priors.weight_files import read_description, weights_folder
+from ia_bench.priors.inputs import Device, Precision, choose_device, content_number, use_bf16
+from ia_bench.priors.weight_files import read_description
 
+PACKAGED = PACKAGE / "priors" / "weights"
 VERSION = 5  # part of the fingerprint; raised when a change of the code changes samples
 
 
@@ -49,6 +51,11 @@ def cut(values: Tensor, frames: Mapping[int, Frame]) -> Tensor:
 
 
 Predict = Callable[[MaterialNetwork, Framed, Mapping[str, Tensor], Counter[str]], Tensor]
+
+
+def weights_folder(weights: str | None, kind: str) -> Path:
+    """The folder of weights that an option names, or that of the package with those of this ``kind``."""
+    return Path(weights).expanduser() if weights else PACKAGED / kind
 
 
 @dataclass(kw_only=True, eq=False)
@@ -77,8 +84,9 @@ class LearnedPrior(ABC):
 
     @classmethod
     def resolved_options(cls, options: Mapping[str, Any]) -> dict[str, Any]:
-        """The options with what precision "auto" means on this machine."""
-        return with_precision(options)
+        """The options with what precision "auto" means on this machine: it decides samples, and so is part of a run's identity."""
+        bf16 = use_bf16(options.get("precision", "auto"), choose_device(options.get("device", "auto")))
+        return {**options, "precision": "bf16" if bf16 else "float32"}
 
     @classmethod
     def files(cls, options: Mapping[str, Any]) -> list[Path]:
