@@ -60,7 +60,8 @@ def _repeat(wanted: argparse.Namespace, tables: Sequence[Path]) -> int:
     published = [run for path in tables for run in read_published(path)]
     chosen = drawn(published, wanted.share, wanted.seed)
     if not chosen:
-        raise InputError(f"{', '.join(map(str, tables))}: expected a run that has not failed, found {len(published)} that have")
+        say(f"{', '.join(map(str, tables))}: expected a run that has not failed, found {len(published)} that have", sys.stderr)
+        return FAULT  # packs beside them may be checked all the same
     say(
         f"{len(published)} published cells, of which {len(chosen)} are run again (--share {wanted.share:g} --seed {wanted.seed})",
         sys.stdout,
