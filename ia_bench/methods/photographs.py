@@ -205,11 +205,13 @@ def count_views(problem: Problem, views: tuple[int, ...]) -> Tensor:
     """
     (gbuffer, _), stage = restrict(problem.gbuffer, views), problem.stage
     hit = gbuffer.face[:, 0] >= 0
+    counts = torch.zeros(len(hit), 1, device=hit.device)
+    if not bool(hit.any()):
+        return gbuffer.images(counts).cpu()
     points = stage.surface(gbuffer.face[hit, 0].long(), gbuffer.barycentric[hit, 0], gbuffer.seen_from(hit))
     _, chosen, group = np.unique(_cells(points).cpu().numpy(), return_index=True, return_inverse=True)
     cameras = [view.camera for view in problem.scene.train]
     seen = sees(cameras, points.position[chosen], points.geometric[chosen], stage.rays, stage.surface.offset)
-    counts = torch.zeros(len(hit), 1, device=hit.device)
     counts[hit] = seen.sum(1, keepdim=True).float()[group]
     return gbuffer.images(counts).cpu()
 

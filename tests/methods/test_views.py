@@ -150,6 +150,12 @@ def test_photographs_that_show_either_side_of_a_sheet() -> None:
     assert [sorted(view.unique().tolist()) for view in counts] == [[0, 3], [0, 2]]
 
 
+def test_a_view_that_misses_the_object_shows_nothing_of_it() -> None:
+    away = replace(camera_at((0.0, 0.0, 5.0), pixels=16), to_world=camera_at((0.0, 0.0, -5.0)).to_world @ np.diag([1.0, 1, -1, 1]))
+    problem = problem_of(plate(0.5), camera_at((0.0, 0.1, 5.0), pixels=16), away)
+    assert not count_views(problem, (1,)).any()
+
+
 @pytest.mark.parametrize(("per_point", "share", "expected"), [(1, 1.0, 3), (1, 0.6, 1), (2, 1.0, 4), (9, 1.0, 5)])
 def test_views_needed_by_hand(per_point: int, share: float, expected: int) -> None:
     """Three points that five views see; the fourth point is seen by none and does not count."""
