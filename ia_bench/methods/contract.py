@@ -253,9 +253,9 @@ class Regulariser:
         """Called before a fit begins; raises InputError where it cannot be applied."""
 
     def due(self, step: int, steps: int) -> bool:
-        """Whether it is applied after ``step`` of ``steps``, once the albedo is optimised; ``step == steps`` is the end of the fit.
+        """Whether it is applied after ``step`` of ``steps``, once the albedo is optimised; ``step == steps`` is the last.
 
-        One that completes is not asked.
+        The albedo may be solved for after that (``fit.solve_albedo``). One that completes is not asked.
         """
         return step == steps
 

@@ -51,7 +51,10 @@ class TwoStageFit:
         self.descent.counters |= {"regularisers_clamped": 0, "scale_ambiguity_blocked_steps": 0}
 
     def finish(self) -> Result:
-        """Run the remaining steps and return what was recovered, unobserved texels filled from their neighbours."""
+        """Run the remaining steps and return what was recovered, unobserved texels filled from their neighbours.
+
+        The albedo is solved for after the last regulariser, so that the photographs have the last word on it.
+        """
         descent = self.descent
         descent.descend(lambda: self._reconstruction(final=False))
         solve, parameters = self.settings.solve_albedo, self.parameters
@@ -61,7 +64,6 @@ class TwoStageFit:
                 albedo = solved_albedo(self.problem, parameters.exposures, material, light, descent.generator)
                 descent.counters["solved_albedo_clamped"] = 0
                 parameters.tensors["albedo"].copy_(self._in_range("albedo", albedo, "solved_albedo_clamped"))
-        self._regularise(self.steps, at_end=True)
         recovered = self._reconstruction(final=True)
         samples = {"samples_per_pixel": self.losses.samples_per_pixel}
         return Result(recovered, descent.seconds, {**self.prior.sampler.counters, **descent.counters, **samples}, self.steps)
@@ -110,10 +112,8 @@ class TwoStageFit:
     # ---- the regularisers of ``fit.regularise``, one after the other ----------------------------------------------------
 
     @torch.no_grad()
-    def _regularise(self, done: int, *, at_end: bool = False) -> None:
+    def _regularise(self, done: int) -> None:
         """Change the textures after ``done`` steps where that is due, once the albedo is optimised at all."""
-        if done == self.steps and not at_end:  # the end is after the albedo was solved for
-            return
         due = [one for one in self.regularisers if not one.completes and one.due(done, self.steps)]
         if due and "albedo" not in self.parameters.frozen(done, self.steps):
             material = self._applied(due, self.parameters.material(detached=True))

@@ -85,8 +85,8 @@ class FitSettings:
             would only learn the light's error.
         scale_ambiguity_start: Share of all steps after which the scale-ambiguity step is taken; highlights, which decide it, must
             be there first.
-        solve_albedo: Whether the albedo is solved for when all steps are done (``least_squares``), by the photographs alone;
-            "auto": unless the coupling says which albedo a pixel has.
+        solve_albedo: Whether the albedo is solved for when all steps are done and the regularisers have been applied
+            (``least_squares``), by the photographs alone; "auto": unless the coupling says which albedo a pixel has.
         roughness_initial: Constant start of the roughness.
         metallic_initial: Constant start of metallic.
         albedo_initial: Mean of the albedo at the start where no prior gives a better one. It has the images' mean colour then,
