@@ -68,11 +68,12 @@ class Kernel(WeightedCoupling):
 
     def albedo_loss(self, render: StepRender, pixels: Tensor) -> Tensor:
         """See the class."""
+        pixels = pixels[self._filled[pixels] > 0]  # the others have no weight; most are of views that the prior was not asked about
         own, hit = points_of(pixels, self._problem)
         partner, uv, there = self._partners(pixels, render.generator)
         found = fetch(render.texture, torch.cat([own.reshape(-1, 2), uv]))  # at once: a gradient is as large as the texture
         points, theirs = found.split([hit.numel(), len(uv)])
-        albedo = (points.reshape(*hit.shape, -1) * hit[..., None]).mean(1)
+        albedo = (points.reshape(*hit.shape, 3) * hit[..., None]).mean(1)
         here = pixels.repeat_interleave(PAIRS)
         weight = self._filled[here] * self._filled[partner] * there
         distance = (self._prediction[here] - self._prediction[partner]).square().sum(-1)
