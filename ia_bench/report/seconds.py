@@ -185,7 +185,7 @@ def timing(runs: Runs, table: Table, reference: str | None) -> Timing | None:
     if "declared" in done:  # somebody's seconds, on a machine of theirs
         done = done[done["declared"].isna()]
     done = done[done["seconds"] > 0]
-    stated = {row.name: row.cost for row in table.crossed_rows if row.cost is not None}
+    stated = {row.name: row.cost for row in table.crossed_rows if isinstance(row.cost, float)}  # of its own capture
     blind = frozenset(done["row"]) - set(done.loc[done["sees_truth"].eq(True), "row"])
     if table.captures:
         names = [row.name for row in table.rows]

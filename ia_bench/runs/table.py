@@ -24,6 +24,7 @@ SET_BY_TABLE = ("scene", "scene.name", "scene.path", "reader", "seed", "row", "o
 
 Some = Field(min_length=1)
 Seeds = Annotated[list[Annotated[int, Field(ge=0, lt=2**63)]], Some]
+Cost = Annotated[float, Field(gt=0)]
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,8 @@ class Row:
         note: What a reader has to know of it.
         paper: The row of the paper's table 1 that it stands for, None for one that the paper has not.
         captures: Labels of those of the table's captures that it is run with, None for all of them.
-        cost: CPU seconds of a fit, in any unit that all rows share, as they were measured apart from the table on one idle core; a
-            report takes them where runs have not recorded their own.
+        cost: CPU seconds of a fit, in any unit that all rows share, as they were measured apart from the table on one idle core, or
+            those of each capture, by its label; a report takes them where runs have not recorded their own.
     """
 
     name: Name
@@ -83,7 +84,7 @@ class Row:
     note: str = ""
     paper: str | None = None
     captures: Annotated[list[str], Some] | None = None
-    cost: Annotated[float, Field(gt=0)] | None = None
+    cost: Cost | dict[str, Cost] | None = None
 
 
 @dataclass
@@ -130,7 +131,8 @@ class Table:
             for row in self.rows:
                 if row.captures is None or label in row.captures:
                     name, overrides = crossed_name(row.name, label), [*row.overrides, *more]
-                    found.append(replace(row, name=name, overrides=overrides, captures=None))
+                    cost = row.cost.get(label) if isinstance(row.cost, dict) else row.cost
+                    found.append(replace(row, name=name, overrides=overrides, captures=None, cost=cost))
         return found
 
     @property
@@ -177,6 +179,8 @@ def _check(table: Table) -> None:
     labels = [capture_of(settings).label for settings in table.captures]
     names, rows = [row.name for row in table.crossed_rows], [row.name for row in table.rows]
     wanted = [(f"rows: {row.name}: captures", "capture", label, labels) for row in table.rows for label in row.captures or []]
+    costs = {row.name: row.cost for row in table.rows if isinstance(row.cost, dict)}
+    wanted += [(f"rows: {name}: cost", "capture", label, labels) for name, cost in costs.items() for label in cost]
     wanted += [("reference", "row", table.reference, rows)] if table.reference is not None else []
     wanted += [("curve", "row", name, rows) for name in table.curve]
     for claim in table.claims:

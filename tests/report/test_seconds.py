@@ -222,6 +222,17 @@ def test_rows_of_the_curve_that_were_not_run_are_named_with_captures_that_lack_t
     assert "Without “twice”, which the table names for that and which was not run or not timed with all views, gains" in told
 
 
+def test_a_table_states_one_cost_of_a_row_or_one_for_each_capture() -> None:
+    apart = {"none": 2.0, "twice": {"8 views": 3.0, "": 4.0}, "ours": {"": 6.0}}
+    rows = [replace(row, cost=apart.get(row.name)) for row in TABLE.rows]
+    table = replace(TABLE, captures=[{"views": 8}, {}], rows=rows)
+    former = [one | {"row": one["row"] + end, "cpu_seconds": None} for one in records() for end in (", 8 views", "")]
+    time = clocked(former, table)
+    assert time.counted == seconds.STATED
+    few, all_views = ({row.removesuffix(", 8 views"): cost for row, cost in clock.costs.items()} for clock in time.clocks)
+    assert (few, all_views) == ({"none": 1.0, "twice": 1.5}, {"none": 1.0, "twice": 2.0, "ours": 3.0})
+
+
 def test_the_table_of_captures_calls_rows_by_their_whole_names() -> None:
     table = replace(TABLE, captures=[{"views": 8}], rows=[*TABLE.rows, Row("constant", [])])
     some = [one | {"row": f"{one['row']}, 8 views"} for one in records()]

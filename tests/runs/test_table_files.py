@@ -43,6 +43,7 @@ def test_bad_table_file_is_named() -> None:
         ("seeds: [１]", "seeds.0: expected a whole number, found '１'"),
         ("captures: [{views: 8}, {views: 8}]\nrows: [{name: a, overrides: []}]", "expected different names, found a, 8 views, a"),
         ("captures: [{views: 8}]\nrows: [{name: a, overrides: [], captures: [8 vews]}]", "unknown capture '8 vews'"),
+        ("captures: [{views: 8}]\nrows: [{name: a, overrides: [], cost: {8 vews: 1}}]", "a: cost: unknown capture '8 vews'"),
         ("includes: [bad.yaml]", "includes: expected tables that do not include each other, found bad.yaml in bad.yaml"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
