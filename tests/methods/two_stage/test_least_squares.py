@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.methods.contract import Coupling, NoCoupling, Problem
+from ia_bench.methods.contract import Coupling, FitState, NoCoupling, Problem, Regulariser
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.couplings.targets import Targets
 from ia_bench.methods.two_stage.least_squares import conjugate_gradients, solved_albedo
@@ -113,6 +113,21 @@ def test_a_fit_takes_it_once_at_the_end(problem: Problem) -> None:
     assert torch.equal(plain.light, solved.light)
     assert torch.equal(plain.material.roughness, solved.material.roughness)
     assert not torch.equal(plain.material.albedo, solved.material.albedo)
+
+
+class OneGrey(Regulariser):
+    """A regulariser that leaves one albedo everywhere, when all steps are done."""
+
+    def apply(self, material: Material, state: FitState) -> Material:
+        return replace(material, albedo=torch.full_like(material.albedo, 0.5))
+
+
+def test_it_comes_after_the_last_regulariser(problem: Problem) -> None:
+    """What the photographs show comes back, which nothing but a solution could do."""
+    grey, alone = replace(SETTINGS, regularise=[f"{__name__}:OneGrey"]), coupled(problem, NoCoupling())
+    kept, solved = (fit(alone, NoPrior(), replace(grey, solve_albedo=on), Record()).material.albedo for on in (False, "auto"))
+    assert bool((kept == 0.5).all())
+    assert float((solved - 0.5).abs().max()) > 0.05
 
 
 @pytest.mark.parametrize(("coupling", "solved"), [(Kernel, True), (Targets, False)])
