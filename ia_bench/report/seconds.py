@@ -28,7 +28,7 @@ from ia_bench.scores.metrics import METRIC_OF, Metric
 WORTH_METRICS = tuple(METRIC_OF[key] for key in ("aligned_albedo.psnr", "relighting.psnr"))
 """Metrics in which gains are told."""
 CPU, WALL = "CPU seconds of the runs", "wall-clock seconds of the runs"
-STATED = "costs that the table states, measured apart from these runs on one idle core with threads=1"
+STATED = "CPU costs that the table states, measured with threads=1 on a core of their own"
 UNEQUAL = ("cpu", "threads", "commit")
 """In which runs must not differ if their seconds are to compare."""
 MOST = 4  # values of these that are named

@@ -75,8 +75,8 @@ class Row:
         note: What a reader has to know of it.
         paper: The row of the paper's table 1 that it stands for, None for one that the paper has not.
         captures: Labels of those of the table's captures that it is run with, None for all of them.
-        cost: CPU seconds of a fit, in any unit that all rows share, as they were measured apart from the table on one idle core, or
-            those of each capture, by its label; a report takes them where runs have not recorded their own.
+        cost: CPU seconds of a fit, in any unit that all rows share, measured with threads=1 on a core of their own; or those of
+            each capture, by its label. A report takes them where runs have not recorded their own.
     """
 
     name: Name
