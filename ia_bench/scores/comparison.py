@@ -16,7 +16,7 @@ one. The first comes first, since it is the same for every prediction: nothing b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -73,31 +73,55 @@ class Pair:
     parts: Mapping[str, float] = field(default_factory=dict)
 
 
-def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> list[Pair]:
-    """Pair the views by position. ``what`` names the component in errors.
+@dataclass(frozen=True)
+class Pairs(Sequence[Pair]):
+    """The views of predictions and truth, paired by position; a pair is made when it is asked for, since all take gigabytes.
 
-    Raises ValueError where the two sets differ in number or shape, or the truth is not finite in a scored pixel.
+    Attributes:
+        predicted: What is scored, of every view.
+        true: The truth of these views.
+        mask_threshold: Coverage above which a pixel is scored.
+        what: Names the component in errors.
+        factor: Multiplies the prediction, (3,) or one number.
+        parts: Those of every pair; nothing where the error is not split.
+
+    Raises ValueError where the two sets differ in number or shape; and a pair does where its truth is not finite in a scored pixel.
     """
-    if len(predicted) != len(true):
-        raise ValueError(f"{what}: expected {len(true)} views, found {len(predicted)}")
-    result = []
-    for index, (theirs, ours) in enumerate(zip(true.images, predicted.images, strict=True)):
-        if theirs.shape != ours.shape:
-            raise ValueError(f"{what}, view {index}: expected shape {theirs.shape}, found {ours.shape}")
+
+    predicted: Images
+    true: Images
+    mask_threshold: float
+    what: str
+    factor: np.ndarray | float = 1.0
+    parts: tuple[Mapping[str, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.predicted) != len(self.true):
+            raise ValueError(f"{self.what}: expected {len(self.true)} views, found {len(self.predicted)}")
+        for index, (theirs, ours) in enumerate(zip(self.true.images, self.predicted.images, strict=True)):
+            if theirs.shape != ours.shape:
+                raise ValueError(f"{self.what}, view {index}: expected shape {theirs.shape}, found {ours.shape}")
+
+    def __len__(self) -> int:
+        return len(self.true)
+
+    def __getitem__(self, index: int) -> Pair:  # type: ignore[override]  # no slices
+        predicted, true = self.predicted, self.true
+        theirs, coverage = true.images[index], predicted.coverage[index]
         given = None if true.known is None else true.known[index]
         known = np.ones(theirs.shape[:2], bool) if given is None else given
-        mask = (true.coverage[index] > mask_threshold) & known
+        mask = (true.coverage[index] > self.mask_threshold) & known
         truth = straight(theirs, true.coverage[index]).astype(np.float64)
         if not np.isfinite(truth[mask]).all():
-            raise ValueError(f"{what}, view {index}: the ground truth is not finite")
-        guess = straight(ours, predicted.coverage[index]).astype(np.float64)
+            raise ValueError(f"{self.what}, view {index}: the ground truth is not finite")
+        guess = straight(predicted.images[index], coverage).astype(np.float64) * self.factor
         half = None if predicted.spread is None else predicted.spread[index]
-        spread = None if half is None else straight(half, predicted.coverage[index]).astype(np.float64)
-        result.append(Pair(guess, truth, mask, known, (predicted.coverage[index], true.coverage[index]), spread))
-    return result
+        spread = None if half is None else straight(half, coverage).astype(np.float64)
+        parts = self.parts[index] if self.parts else {}
+        return Pair(guess, truth, mask, known, (coverage, true.coverage[index]), spread, parts)
 
 
-def stacked(views: list[Pair]) -> tuple[np.ndarray, np.ndarray]:
+def stacked(views: Sequence[Pair]) -> tuple[np.ndarray, np.ndarray]:
     """All scored pixels of all views, predicted and true, each (N, 3): what an alignment is computed from."""
     empty = np.zeros((0, 3))
     predicted = np.concatenate([empty, *(view.predicted[view.mask] for view in views)])

@@ -17,7 +17,7 @@ import numpy as np
 
 from ia_bench.scenes.images import Images
 from ia_bench.scores import comparison
-from ia_bench.scores.comparison import VARIANTS, Pair, Predictions, pairs, scale, stacked
+from ia_bench.scores.comparison import VARIANTS, Pair, Pairs, Predictions, scale, stacked
 from ia_bench.scores.error_split import VisibleSurface, split
 from ia_bench.scores.metrics import (
     COMPONENTS,
@@ -36,8 +36,10 @@ from ia_bench.scores.protocol import Encoding, Protocol
 REDRAWN = "_reference"
 """How the names of scores end that are of exported textures, drawn by the reference renderer beside a method's own pictures."""
 
+COUNTED = ("scored_pixels", "uncovered_pixels", "clipped_prediction", "clipped_truth")
+
 Value = float | Undefined
-Views = dict[str, list[Pair]] | str  # of one component by novel light, "" for what has none; or why there are none
+Views = dict[str, Pairs] | str  # of one component by novel light, "" for what has none; or why there are none
 NO_TRUTH = {
     "albedo": "the scene has no true albedo in its test views",
     "view_synthesis": "the scene has no held-out view under its training light",
@@ -93,19 +95,11 @@ class Scores:
             for light, reason in why.items():
                 self.reasons[".".join(filter(None, ("per_image", component, light, name)))] = reason
 
-        seen = [view for group in views.values() for view in group]
         everything = [one for group in measured.values() for one in group]
-        spread = any(view.spread is not None for view in seen)
         empty = [all(isinstance(value, NoScoredPixel) for value in found.values()) for found, _ in everything]
-        self.counts[component] = {
-            "views": len(seen),
-            "views_without_scored_pixel": sum(empty),
-            "scored_pixels": sum(int(view.mask.sum()) for view in seen),
-            "uncovered_pixels": sum(int((view.mask & (view.coverage[0] == 0)).sum()) for view in seen),
-            "clipped_prediction": sum(clipped[0] for _, clipped in everything),
-            "clipped_truth": sum(clipped[1] for _, clipped in everything),
-            **({"at_noise_floor": sum(clipped[2] for _, clipped in everything)} if spread else {}),
-        }
+        self.counts[component] = {"views": len(everything), "views_without_scored_pixel": sum(empty)}
+        for name in (*COUNTED, *(["at_noise_floor"] if any("at_noise_floor" in count for _, count in everything) else [])):
+            self.counts[component][name] = sum(count.get(name, 0) for _, count in everything)
 
     def as_dict(self) -> dict[str, Any]:
         """Return what metrics.json stores; what is no finite number becomes null, its reason stands in ``reasons``."""
@@ -157,7 +151,7 @@ def score_quick(predictions: Predictions, truth: Predictions, protocol: Protocol
 def albedo_scale(predicted: Images, true: Images, protocol: Protocol) -> np.ndarray | None:
     """The scale (3,) that multiplies the linear albedo *before* it is relit: the protocol's, from all given views."""
     try:
-        return scale(protocol.alignment, *stacked(pairs(predicted, true, protocol.mask_threshold, "albedo")))
+        return scale(protocol.alignment, *stacked(Pairs(predicted, true, protocol.mask_threshold, "albedo")))
     except Undefined:
         return None
 
@@ -211,10 +205,10 @@ def _paired(predictions: Predictions, truth: Predictions, what: str, protocol: P
     if predicted is None:
         return f"the method does not predict {what.replace('_', ' ')}"
     if what != "relighting":
-        return {"": pairs(predicted, true, protocol.mask_threshold, what)}
+        return {"": Pairs(predicted, true, protocol.mask_threshold, what)}
     if sorted(predicted) != sorted(true):
         raise ValueError(f"relighting: expected the lights {sorted(true)}, found {sorted(predicted)}")
-    return {name: pairs(predicted[name], true[name], protocol.mask_threshold, f"relighting under {name}") for name in sorted(true)}
+    return {name: Pairs(predicted[name], true[name], protocol.mask_threshold, f"relighting under {name}") for name in sorted(true)}
 
 
 def _aligned(scores: Scores, alignment: str, albedo: Views, suffix: str = "") -> Views:
@@ -227,7 +221,7 @@ def _aligned(scores: Scores, alignment: str, albedo: Views, suffix: str = "") ->
         scores.albedo_scales[alignment + suffix] = None
         return f"albedo cannot be aligned: {reason}"
     scores.albedo_scales[alignment + suffix] = factor.tolist()
-    return {"": [replace(view, predicted=view.predicted * factor) for view in albedo[""]]}
+    return {"": replace(albedo[""], factor=factor)}
 
 
 def _split(albedo: Views, shown: VisibleSurface | None, protocol: Protocol) -> Views:
@@ -237,7 +231,7 @@ def _split(albedo: Views, shown: VisibleSurface | None, protocol: Protocol) -> V
     if shown is None:
         return "the scene has no true mesh"
     try:
-        return {"": split(albedo[""], shown, protocol)}
+        return {"": replace(albedo[""], parts=tuple(view.parts for view in split(albedo[""], shown, protocol)))}
     except Undefined as reason:
         return str(reason)
 
@@ -288,19 +282,25 @@ def finite_or_none(tree: object) -> object:
 
 def _measured(
     view: Pair, compare: Callable[[Pair], Compared], metrics: Sequence[Metric]
-) -> tuple[dict[str, Value], tuple[int, int, bool]]:
+) -> tuple[dict[str, Value], dict[str, int]]:
     """The value of every metric by its name, or why there is none; and what is counted.
 
-    That is how many values were clipped in prediction and truth, and whether the error is below its noise.
+    That is COUNTED, of which the last two are values that were clipped, and of noisy views whether the error is below its noise.
     """
+    counted = dict(zip(COUNTED, (int(view.mask.sum()), int((view.mask & (view.coverage[0] == 0)).sum()), 0, 0), strict=True))
+    if view.spread is not None:
+        counted["at_noise_floor"] = 0
     try:
         compared = compare(view)
     except Undefined as reason:
-        return dict.fromkeys((metric.name for metric in metrics), reason), (0, 0, False)
+        return dict.fromkeys((metric.name for metric in metrics), reason), counted
     values: dict[str, Value] = {}
     for metric in metrics:
         try:
             values[metric.name] = metric.of(compared)
         except Undefined as reason:
             values[metric.name] = reason
-    return values, (*compared.clipped, compared.spread is not None and without_noise(compared)[1])
+    counted["clipped_prediction"], counted["clipped_truth"] = compared.clipped
+    if compared.spread is not None:
+        counted["at_noise_floor"] = int(without_noise(compared)[1])
+    return values, counted

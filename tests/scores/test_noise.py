@@ -14,7 +14,7 @@ from ia_bench.render.reconstruction import Quality
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera
 from ia_bench.scores import comparison
-from ia_bench.scores.comparison import Pair, Predictions, pairs
+from ia_bench.scores.comparison import Pair, Pairs, Predictions
 from ia_bench.scores.evaluate import score
 from ia_bench.scores.metrics import LEAST, Compared, psnr, ssim
 from ia_bench.scores.protocol import Encoding, Protocol
@@ -47,7 +47,7 @@ def noisy(values: np.ndarray, noise: float = 0.03) -> Images:
 )
 def test_a_noisy_picture_scores_like_one_without_noise(metric: Metric, compare: Compare) -> None:
     noise = noisy(WRONG)
-    views = [pairs(one, picture(TRUE), 0.5, "render")[0] for one in (picture(WRONG), noise, replace(noise, spread=None))]
+    views = [Pairs(one, picture(TRUE), 0.5, "render")[0] for one in (picture(WRONG), noise, replace(noise, spread=None))]
     clean, mended, kept = (metric(compare(view, V3, "srgb")) for view in views)
     assert clean - kept > (1 if metric is psnr else 0.05)
     assert abs(mended - clean) < 0.15 * (clean - kept)
@@ -57,7 +57,7 @@ def test_of_the_noise_a_tenth_stays_and_pictures_with_less_error_are_counted() -
     noise = noisy(TRUE)
     predictions, truth = (Predictions(view_synthesis=one) for one in (noise, picture(TRUE)))
     scores = score(predictions, truth, V3)
-    (pair,) = pairs(noise, picture(TRUE), 0.5, "render")
+    (pair,) = Pairs(noise, picture(TRUE), 0.5, "render")
     spread = np.square(comparison.of_object(pair, V3, "srgb").spread[pair.mask]).mean()
     assert scores.metrics["view_synthesis"]["psnr"] <= -10 * np.log10(LEAST * spread) + 1e-9
     halves = picture(TRUE + 0.03), picture(TRUE - 0.03)  # whose mean is the truth: by chance far too good

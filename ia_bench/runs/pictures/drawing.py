@@ -56,9 +56,11 @@ def extent(mask: np.ndarray) -> int:
 
 def cut_out(picture: np.ndarray, mask: np.ndarray, side: int, beyond: float = GREY) -> np.ndarray:
     """The square (side, side, C) of ``picture`` (H, W, C) around what ``mask`` (H, W) covers; ``beyond`` is past its edges."""
-    padded = np.pad(picture, ((side, side), (side, side), (0, 0)), constant_values=beyond)
-    starts = [(found.min() + found.max() + 1 - side) // 2 + side if len(found) else side for found in np.nonzero(mask > 0)]
-    return padded[starts[0] : starts[0] + side, starts[1] : starts[1] + side]
+    places = [(found.min() + found.max() + 1 - side) // 2 if len(found) else 0 for found in np.nonzero(mask > 0)]
+    past = [(max(0, -place), max(0, place + side - length)) for place, length in zip(places, mask.shape, strict=True)]
+    padded = np.pad(picture, (*past, (0, 0)), constant_values=beyond)
+    row, column = (place + before for place, (before, _) in zip(places, past, strict=True))
+    return padded[row : row + side, column : column + side].copy()  # a part of it would keep all of it in memory
 
 
 @dataclass
