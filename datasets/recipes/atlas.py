@@ -14,8 +14,8 @@ Three of those are one and a half of the texture's own: bilinear filtering in on
 EXHAUSTIVE = 2048
 """Largest atlas, texels a side, whose charts are placed by looking at every place.
 
-The time for it grows fivefold when the side doubles (`hat`: 8 s, 39 s, more than 8 minutes at 4096); places drawn by chance take 7 s
-at any size and leave up to a fifteenth more of it unused.
+The time for it grows fivefold when the side doubles (`hat`: 8 s, 39 s, more than 8 minutes at 4096); places drawn by chance
+take 7 s at any size and leave up to a fifteenth more unused.
 """
 
 MAX_OVERLAP = 2e-4
