@@ -28,6 +28,7 @@ def test_cut_out_is_the_square_around_the_object_also_at_an_edge(corner: tuple[i
     expected = np.full((side, side, 3), GREY)
     expected[CUT_MARGIN + 1 : -CUT_MARGIN - 1, CUT_MARGIN:-CUT_MARGIN] = 1
     np.testing.assert_array_equal(found, expected)
+    assert found.base is None, "a part of the whole picture keeps all of it in memory"
 
 
 def test_pictures_stand_below_their_names() -> None:
