@@ -37,6 +37,7 @@ REDRAWN = "_reference"
 """How the names of scores end that are of exported textures, drawn by the reference renderer beside a method's own pictures."""
 
 COUNTED = ("scored_pixels", "uncovered_pixels", "clipped_prediction", "clipped_truth")
+"""What is counted of every component; of one with noise also the views whose error is below it, ``at_noise_floor``."""
 
 Value = float | Undefined
 Views = dict[str, Pairs] | str  # of one component by novel light, "" for what has none; or why there are none
@@ -98,7 +99,7 @@ class Scores:
         everything = [one for group in measured.values() for one in group]
         empty = [all(isinstance(value, NoScoredPixel) for value in found.values()) for found, _ in everything]
         self.counts[component] = {"views": len(everything), "views_without_scored_pixel": sum(empty)}
-        for name in (*COUNTED, *(["at_noise_floor"] if any("at_noise_floor" in count for _, count in everything) else [])):
+        for name in dict.fromkeys((*COUNTED, *(name for _, count in everything for name in count))):
             self.counts[component][name] = sum(count.get(name, 0) for _, count in everything)
 
     def as_dict(self) -> dict[str, Any]:
