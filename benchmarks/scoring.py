@@ -29,7 +29,7 @@ PARTS: dict[str, Callable[..., object]] = {
     "G-buffers": Stage.gbuffer,  # that of the split is traced for its surface
     "maps": texture_images,
     "renders": Renderer.render_images,
-    "pairs": comparison.pairs,
+    "pairs": comparison.Pairs.__getitem__,
     "encoding": comparison.encode,
     "PSNR, MSE": metrics.squared_error,
     "SSIM": metrics.ssim,
