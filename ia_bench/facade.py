@@ -287,7 +287,10 @@ def table(runs: Sequence[Fit | str | Path]) -> pd.DataFrame:
         found = {one.folder: None} if isinstance(one, Fit) else folders_with_cells([path_of("runs", one)], log.info)
         for folder, cell in found.items():  # a fit may lie in a folder that is searched, too
             folders[folder.resolve()] = cell or folders.get(folder.resolve())
-    return collect(folders).runs.reindex(columns=list(SHOWN)).dropna(axis=1, how="all")
+    collection = collect(folders)
+    for problem in collection.unreadable:
+        log.warning("left out, no record of a run: %s", problem)
+    return collection.runs.reindex(columns=list(SHOWN)).dropna(axis=1, how="all")
 
 
 def _overrides(settings: Mapping[str, Any]) -> list[str]:

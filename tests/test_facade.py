@@ -85,6 +85,13 @@ def test_a_table_has_a_line_per_run(fit: ib.Fit, monkeypatch: pytest.MonkeyPatch
     assert ib.table([fit, ".", f"../{fit.folder.parent.name}"]).equals(shown), "a run is there once, whatever its folder is called"
 
 
+def test_a_record_that_is_torn_is_named(fit: ib.Fit, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "torn").mkdir()
+    (tmp_path / "torn" / "metrics.json").write_text('{"row":')
+    assert len(ib.table([fit, tmp_path])) == 1
+    assert f"left out, no record of a run: {tmp_path / 'torn' / 'metrics.json'}" in caplog.text
+
+
 def test_notes_are_logged_and_nothing_is_printed_and_the_command_finds_the_fit(
     fit: ib.Fit, scene: ib.LoadedScene, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
 ) -> None:

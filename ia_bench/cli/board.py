@@ -25,7 +25,7 @@ NAMED = 12
 """So many characters of a pack's SHA-256 name its folder there."""
 
 
-@exits
+@exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 1 if a pack was left out, each of which is named."""
     parser = argparse.ArgumentParser(prog="ia-bench board", description=__doc__.partition(": ")[2], allow_abbrev=False)

@@ -17,7 +17,7 @@ from ia_bench.common.progress import Progress
 from ia_bench.scenes.photograph import read_photograph
 
 
-@exits
+@exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     about = __doc__.partition("\n")[0].partition(": ")[2]

@@ -31,7 +31,7 @@ Formats: native, nerfstudio, blender-nerf, tensoir, nerfactor, synthetic4relight
 """
 
 
-@exits
+@exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     about = __doc__.partition(": ")[2]

@@ -16,7 +16,7 @@ from ia_bench.runs.packs import write_pack
 from ia_bench.runs.record import METRICS_FILE, RunRecord
 
 
-@exits
+@exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(prog="ia-bench pack", description=__doc__.partition(": ")[2], allow_abbrev=False)

@@ -27,7 +27,7 @@ EXAMPLES = """\
 """
 
 
-@exits
+@exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     about = f"{__doc__.partition(': ')[2]}\n\n{EXAMPLES}"

@@ -27,7 +27,7 @@ PAGE = "page"
 NOTES = 5  # so many of a report's notes are printed as well
 
 
-@exits
+@exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(prog="ia-bench report", description=__doc__.partition(": ")[2], allow_abbrev=False)
@@ -52,6 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         found = listed(dict.fromkeys(run["row"] for run in every))
         raise InputError(f"--only: expected runs of a row of table {wanted.table} ({listed(rows)}), found {found}")
     first = wanted.runs[0] if wanted.runs[0].name not in ("", "..") else wanted.runs[0].resolve()
+    if not (wanted.out or first.name):
+        raise InputError(f"--out: expected a folder, since {first} has no name that another could have, found none")
     out = wanted.out or first.with_name(f"{first.stem if wanted.runs[0] in tables else first.name}-report")
     make_writable(out, "--out")
     report = write_report(cells, out, table, published)

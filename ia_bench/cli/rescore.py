@@ -18,7 +18,7 @@ from ia_bench.runs.record import METRICS_FILE
 from ia_bench.scores.protocol import Protocol
 
 
-@exits
+@exits(resumes=True)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 1 if a run could not be scored, each of which is named."""
     parser = argparse.ArgumentParser(prog="ia-bench rescore", description=__doc__.partition(": ")[2], allow_abbrev=False)

@@ -17,7 +17,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     from ia_bench.cli.usage import usage
 
-    return command(usage, _work, arguments)
+    return command(usage, _work, arguments, resumes=True)
 
 
 def _work(arguments: list[str]) -> int:

@@ -42,7 +42,7 @@ DECLARED = ("authors", "code", "hardware", "seconds")
 TEXTS = ("light", "order", *DECLARED[:3])
 
 
-@exits
+@exits(resumes=True)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     kind = argparse.RawDescriptionHelpFormatter

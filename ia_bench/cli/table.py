@@ -67,7 +67,7 @@ def parse(arguments: Sequence[str]) -> TableRequest:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the table's command line and return its exit status: 1 if a cell failed, otherwise as ``ia_bench``."""
-    return command(_usage, lambda given: make_table(parse(given)), arguments)
+    return command(_usage, lambda given: make_table(parse(given)), arguments, resumes=True)
 
 
 def make_table(request: TableRequest) -> int:

@@ -23,7 +23,7 @@ from ia_bench.runs.record import digest_of, json_bytes
 TABLE = "runs.csv"
 
 
-@exits
+@exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 0 if every run was scored or run again and agrees, else 1."""
     parser = argparse.ArgumentParser(prog="ia-bench verify", description=__doc__.partition(": ")[2], allow_abbrev=False)

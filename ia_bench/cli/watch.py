@@ -25,7 +25,7 @@ LIVE = "live"
 LEAST_SECONDS, MOST_SECONDS = 0.2, 86_400
 
 
-@exits
+@exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(prog="ia-bench watch", description=__doc__.partition(": ")[2], allow_abbrev=False)

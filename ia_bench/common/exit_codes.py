@@ -83,11 +83,11 @@ def complain(message: str, status: int = MISTAKE) -> int:
     return status
 
 
-def status_of(work: Callable[[], int]) -> int:
+def status_of(work: Callable[[], int], *, resumes: bool = False) -> int:
     """Do a command's work and return its exit status; what ended it early is said in one line.
 
-    A fault of the program has its traceback, and so has everything else under IA_BENCH_DEBUG=1. A command that is interrupted
-    leaves everything such that the same command goes on, unless the KeyboardInterrupt says otherwise.
+    A fault of the program has its traceback, and so has everything else under IA_BENCH_DEBUG=1. ``resumes``: whether the same
+    command goes on after an interruption, and does not begin again; a KeyboardInterrupt may say otherwise.
     """
     in_main_thread = threading.current_thread() is threading.main_thread()  # nobody else may set what a signal does
 
@@ -99,7 +99,8 @@ def status_of(work: Callable[[], int]) -> int:
         return work()
     except KeyboardInterrupt as stop:
         status = TERMINATED if isinstance(stop, Terminated) else INTERRUPTED
-        return complain(f"interrupted{stop.args[0] if stop.args else '; the same command resumes'}", status)
+        then = stop.args[0] if stop.args else f"; the same command {'resumes' if resumes else 'starts over'}"
+        return complain(f"interrupted{then}", status)
     except (InputError, Fault, FloatingPointError, OSError) as error:  # the last two say themselves which numbers, or which file
         if isinstance(error, OSError) and error.errno in NO_NAME:
             return complain(f"{shown(error.filename)}: expected the name of a file or folder, found: {error.strerror}")
@@ -113,15 +114,21 @@ def status_of(work: Callable[[], int]) -> int:
             signal.signal(signal.SIGTERM, before)
 
 
-def exits(main: Callable[P, int]) -> Callable[P, int]:
+def exits(*, resumes: bool = False) -> Callable[[Callable[P, int]], Callable[P, int]]:
     """Make ``main`` of a command return its exit status however it ends (:func:`status_of`)."""
-    return wraps(main)(lambda *args, **kwargs: status_of(partial(main, *args, **kwargs)))
+
+    def ended(main: Callable[P, int]) -> Callable[P, int]:
+        return wraps(main)(lambda *args, **kwargs: status_of(partial(main, *args, **kwargs), resumes=resumes))
+
+    return ended
 
 
-def command(usage: Callable[[], str], work: Callable[[list[str]], int], arguments: Sequence[str] | None) -> int:
+def command(
+    usage: Callable[[], str], work: Callable[[list[str]], int], arguments: Sequence[str] | None, *, resumes: bool = False
+) -> int:
     """Show the help where it is asked for, else do a command's work on its arguments (None: those of this process).
 
-    Returns the exit status.
+    Returns the exit status (:func:`status_of`).
     """
     for number in range(3):  # where whoever called us has closed one, a file of results would get its number
         try:
@@ -132,4 +139,4 @@ def command(usage: Callable[[], str], work: Callable[[list[str]], int], argument
     if not {"-h", "--help"}.isdisjoint(given):
         say(usage().rstrip(), sys.stdout)
         return OK
-    return status_of(lambda: work(given))
+    return status_of(lambda: work(given), resumes=resumes)

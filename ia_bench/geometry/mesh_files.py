@@ -94,13 +94,13 @@ def obj_text(path: Path) -> str:
 
 def faces_by_material(text: str) -> dict[str, str]:
     """The lines of faces (``f``) of an :func:`obj_text` by the material of their ``usemtl``, "" before the first; all have some."""
-    found, name = dict[str, str](), ""
+    found, name = dict[str, list[str]](), ""
     for line in text.splitlines():
         if line.startswith("usemtl "):
             name = " ".join(line.split()[1:])
         elif line.startswith("f "):
-            found[name] = f"{found.get(name, '')}{line}\n"
-    return found
+            found.setdefault(name, []).append(f"{line}\n")
+    return {name: "".join(lines) for name, lines in found.items()}
 
 
 def gltf_header(path: Path) -> dict[str, Any]:

@@ -89,7 +89,8 @@ class Problem:
     @cached_property
     def photographs(self) -> Photographs:
         """What the training photographs show in the G-buffer's pixels."""
-        return Photographs.of(self.scene, self.gbuffer)
+        with self.costs.exclude("bake"):
+            return Photographs.of(self.scene, self.gbuffer)
 
     @cached_property
     def renderer(self) -> Renderer:
@@ -109,7 +110,8 @@ class Problem:
     @cached_property
     def coupling(self) -> Coupling:
         """How the fit is to use what the prior says."""
-        return self.make_coupling(self.prior.info)
+        with self.costs.exclude("bake"):
+            return self.make_coupling(self.prior.info)
 
     @cached_property
     def asked_views(self) -> tuple[int, ...]:
@@ -168,8 +170,8 @@ class Coupling:
     A subclass must define :meth:`prepare` and :meth:`loss`; built in are those of :mod:`ia_bench.methods.couplings`.
 
     Attributes:
-        says_albedo: Whether its losses say which albedo a pixel has (up to its scale), and not only which pixels are alike: then
-            photographs alone do not decide the albedo when all steps are done.
+        says_albedo: Whether what it makes of an albedo says which albedo a pixel has (up to its scale), and not only which pixels
+            are alike: then photographs alone do not decide the albedo when all steps are done.
         sets_albedo: Whether a fit may start from the prior's albedo.
         period: 0: the prior is sampled before the fit, and again, guided by the renders, before its second stage. More: it is
             asked every ``period`` steps to denoise renders of ``views`` of its views (``Distiller``).

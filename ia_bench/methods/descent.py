@@ -175,13 +175,13 @@ class Descent:
 
     @contextmanager
     def book(self, name: str) -> Iterator[None]:
-        """Book the seconds of a block under ``name``; they are taken out of the block around it."""
+        """Book the seconds of a block under ``name``, but those booked elsewhere; they are taken out of the block around it."""
         outside, self._inner = self._inner, 0.0
-        started = time.perf_counter()
+        started, elsewhere = time.perf_counter(), self._monitor.elsewhere()
         try:
             yield
         finally:
-            passed = time.perf_counter() - started
+            passed = time.perf_counter() - started - (self._monitor.elsewhere() - elsewhere)
             self.seconds[name] = self.seconds.get(name, 0.0) + passed - self._inner
             self._inner = outside + passed
 

@@ -55,6 +55,7 @@ class Monitor:
         load: Gives back what was saved last by an interrupted process with the same configuration, or None.
         stopping: Says that the run is to end: the method saves at its next step, and ``save`` does not return.
         checkpoint_seconds: Time between two states that are saved.
+        elsewhere: Says how many seconds so far are in other accounts than the method's, such as those of baking.
     """
 
     task: Callable[[str, int, int], ProgressBar]
@@ -64,6 +65,7 @@ class Monitor:
     load: Callable[[], dict[str, Any] | None]
     stopping: Callable[[], bool] = lambda: False
     checkpoint_seconds: float = 15.0
+    elsewhere: Callable[[], float] = lambda: 0.0
 
     @classmethod
     def silent(cls, **parts: Any) -> Monitor:  # noqa: ANN401 (what the attributes are)

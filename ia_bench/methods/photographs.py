@@ -185,7 +185,7 @@ def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Ten
     for rows in torch.arange(len(gbuffer.pixel), device=device).split(CHUNK):
         face, camera = gbuffer.face[rows], gbuffer.seen_from(rows).repeat_interleave(side, 0)
         hit, barycentric = face >= 0, gbuffer.barycentric[rows].reshape(-1, 2)
-        points = problem.renderer.surface(face.clamp_min(0).reshape(-1).long(), barycentric, camera)  # those that miss are any
+        points = problem.renderer.surface(face.reshape(-1).long(), barycentric, camera)
         world = (points.normal.reshape(*hit.shape, 3) * hit[..., None]).mean(1)
         normals[rows] = torch.einsum("pi,pij->pj", world, gbuffer.to_world[gbuffer.view(rows), :3, :3])
         rotation = torch.rand(len(rows), 3, generator=generator, dtype=torch.float64, device=device)

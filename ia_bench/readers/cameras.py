@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +22,10 @@ from ia_bench.scenes.scene import OPENCV_AXES, Camera, View
 NamedFrame = tuple[str, Mapping[str, Any]]
 """How messages name a frame of transforms.json, and what is said of it."""
 PATHS = "file_path", "mask_path"
-FOCAL_KEYS = {"fl_x", "fl_y", "camera_angle_x"}
+FOCAL_KEYS = frozenset({"fl_x", "fl_y", "camera_angle_x"})
 """The keys that say a focal length. A frame that has that of its columns has all of its own, for they may contradict the file's."""
 SKEW = 1e-3  # of the focal length: what a calibration may leave and no image shows
 PARALLEL = 1e-3  # share of the largest eigenvalue below which the axes of cameras do not fix a point
-FOLDED = 1e-9  # a slope or an area below it: two points in one place
 
 
 # ---------------------------------------------------------------- values of JSON
@@ -106,8 +104,10 @@ def frames_of(path: Path) -> list[NamedFrame]:
         if not isinstance(frame, dict):
             raise InputError(f"{where}: expected an object, found {type(frame).__name__}")
         paths = {key: value.replace("\\", "/") for key, value in frame.items() if key in PATHS and isinstance(value, str)}
-        own = FOCAL_KEYS - {"fl_y"} & frame.keys()
-        shared = {key: value for key, value in content.items() if not (own and key in FOCAL_KEYS)}
+        left_out = FOCAL_KEYS if (FOCAL_KEYS - {"fl_y"}) & frame.keys() else frozenset()
+        if "fl_x" in frame and "fl_x" not in content:  # then the file's fl_y is that of all frames, and their fl_x are several
+            left_out -= {"fl_y"}
+        shared = {key: value for key, value in content.items() if key not in left_out}
         frames.append((where, {**shared, **frame, **paths}))
     expect_each_once(photographs(frames))
     return frames
@@ -228,94 +228,3 @@ def expect_looking_at_object(source: str, views: Sequence[View]) -> None:
             f"{source}: expected cameras that look at the object which they surround, found that {away:.0%} look away from it; "
             "usually OpenCV's axes (+z forward, +y down) and OpenGL's (-z forward, +y up) are exchanged, or matrices are inverted"
         )
-
-
-# ---------------------------------------------------------------- lenses
-MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "RADIAL", "SIMPLE_RADIAL", "perspective")
-FLAGS = {"is_fisheye": "OPENCV_FISHEYE"} | {key: key for key in ("equirectangular", "latlong", "ftheta_p0")}
-"""By what key Instant-NGP says that a lens is none of these, and its name."""
-
-
-@dataclass(frozen=True)
-class Lens:
-    """The coefficients of Brown's model, as OpenCV, COLMAP and nerfstudio write it (y down); without unit, for the plane z = 1.
-
-    A point at (x, y) of that plane is photographed at (x, y) (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8), r^2 = x^2 + y^2, plus
-    (2 p1 x y + p2 (r^2 + 2 x^2), p1 (r^2 + 2 y^2) + 2 p2 x y).
-    """
-
-    k1: float = 0.0
-    k2: float = 0.0
-    k3: float = 0.0
-    k4: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
-
-    def distorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the points (x, y) of the plane z = 1 are photographed, on the same plane."""
-        square = x * x + y * y
-        radial = 1 + square * (self.k1 + square * (self.k2 + square * (self.k3 + square * self.k4)))
-        return (
-            x * radial + 2 * self.p1 * x * y + self.p2 * (square + 2 * x * x),
-            y * radial + self.p1 * (square + 2 * y * y) + 2 * self.p2 * x * y,
-        )
-
-
-def lens(where: str, frame: Mapping[str, Any]) -> Lens:
-    """The lens of a frame of transforms.json: ``camera_model`` and k1, k2, k3, k4, p1, p2, each 0 where it is absent.
-
-    Coefficients count whatever the model is called, and ``distortion_params``, all six in this order, before single ones, as in
-    nerfstudio.
-
-    Raises InputError, with its name, for a model that is none of these.
-    """
-    flagged = [name for key, name in FLAGS.items() if frame.get(key, False) is not False]
-    model = flagged[0] if flagged else frame.get("camera_model", "OPENCV")
-    if model not in MODELS:
-        raise InputError(
-            f"{where}: camera_model: expected one of {', '.join(MODELS)}, found {shown(repr(model))}; "
-            "undistort the photographs first (colmap image_undistorter)"
-        )
-    if "distortion_params" in frame:
-        listed = numbers(frame["distortion_params"])
-        if listed.shape != (6,) or not np.isfinite(listed).all():
-            found = shown(repr(frame["distortion_params"]))
-            raise InputError(f"{where}: distortion_params: expected k1, k2, k3, k4, p1, p2 as 6 finite numbers, found {found}")
-        return Lens(*listed.tolist())
-    return Lens(**{key: number(where, frame, key) for key in asdict(Lens()) if key in frame})
-
-
-def undistorted(where: str, view: View, glass: Lens) -> View:
-    """A view through ``glass`` as its pinhole camera would have seen it, bilinear.
-
-    Pixels beyond the photograph are unknown: black, mask 0, not ``valid``.
-
-    Raises InputError for coefficients under which the photograph folds over, which no lens has, and for an object that is lost.
-    """
-    if glass == Lens():
-        return view
-    (height, width), focal, centre = view.mask.shape, view.camera.focal, view.camera.centre
-    column, row = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    x, y = (column - centre[0]) / focal[0], (row - centre[1]) / focal[1]
-    u, v = glass.distorted(x, y)
-    # The Jacobian of Brown's model is symmetric. Where it is positive definite all over a rectangle, no two points of it meet.
-    slope, slant = np.gradient(u, axis=1) * focal[0], np.gradient(u, axis=0) * focal[1]
-    area = slope * np.gradient(v, axis=0) * focal[1] - slant * np.gradient(v, axis=1) * focal[0]
-    if min(slope.min(), area.min()) < FOLDED or not np.isfinite(area).all():
-        raise InputError(f"{where}: expected the distortion of a lens, found one under which the picture folds over: {glass}")
-    place = [v * focal[1] + centre[1] - 0.5, u * focal[0] + centre[0] - 0.5]
-    seen = (place[0] >= -0.5) & (place[0] <= height - 0.5) & (place[1] >= -0.5) & (place[1] <= width - 0.5)
-
-    from scipy.ndimage import map_coordinates  # here, for most photographs are of pinhole cameras
-
-    def moved(values: np.ndarray) -> np.ndarray:
-        layers = values.reshape(height, width, -1).astype(np.float32)
-        found = [map_coordinates(layers[..., c], place, order=1, mode="nearest") for c in range(layers.shape[-1])]
-        return (np.stack(found, -1) * seen[..., None]).reshape(values.shape)
-
-    image, mask = moved(view.image), moved(view.mask)
-    if not (mask > 0.5).any():
-        raise InputError(f"{where}: expected an object within the photograph, found none once the lens is undone")
-    image[mask <= 0] = 0
-    valid = seen & (moved(~view.known) == 0)
-    return replace(view, image=image, mask=mask, valid=None if view.valid is None and seen.all() else valid)

@@ -19,8 +19,9 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, shown
 from ia_bench.readers.base import UnsplitReader
-from ia_bench.readers.cameras import Lens, expect_each_once, from_world_to_camera, rigid, undistorted
+from ia_bench.readers.cameras import expect_each_once, from_world_to_camera, rigid
 from ia_bench.readers.contract import check_camera
+from ia_bench.readers.lenses import Lens, undistorted
 from ia_bench.readers.pictures import mask_beside, photograph
 from ia_bench.scenes.photograph import expect_size
 from ia_bench.scenes.scene import Camera, Scene, View

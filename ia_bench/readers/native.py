@@ -15,8 +15,9 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json, shown
 from ia_bench.geometry.mesh import load_mesh
-from ia_bench.readers.cameras import Lens, camera, expect_size_of, frames_if_there, frames_of, lens, text
+from ia_bench.readers.cameras import camera, expect_size_of, frames_if_there, frames_of, text
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS
+from ia_bench.readers.lenses import Lens, lens
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import expect_radiance, read_exr, read_light
 from ia_bench.scenes.photograph import expect_size, greyscale, open_picture, picture_values

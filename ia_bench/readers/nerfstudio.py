@@ -4,8 +4,9 @@ One ``transforms.json`` (nerfstudio, Instant-NGP) names the frames of each split
 and ``test_filenames``; without ``train_filenames`` all others are for training. ``transforms_train.json`` and
 ``transforms_test.json`` (NeRF's Blender scenes) are splits of their own. No photograph may be in both. Where none are for
 testing, every ``every``-th is held out, but a single one is fitted. A mask is the picture's alpha, its ``mask_path``, or
-``masks/NAME.png``; that of images/left/NAME.png may also be ``masks/left/NAME.png``. The ``exposure`` of a frame, time x ISO /
-F-number squared in any unit, replaces what EXIF says, of all photographs where one frame has it: EXIF's unit may be another.
+``masks/NAME.png``; that of images/left/NAME.png may also be ``masks/left/NAME.png`` or ``masks/images/left/NAME.png``. The
+``exposure`` of a frame, time x ISO / F-number squared in any unit, replaces what EXIF says, of all photographs where one frame has
+it: EXIF's unit may be another.
 """
 
 from __future__ import annotations
@@ -25,12 +26,11 @@ from ia_bench.readers.cameras import (
     expect_size_of,
     frames_if_there,
     frames_of,
-    lens,
     photographs,
     plain,
     positive,
-    undistorted,
 )
+from ia_bench.readers.lenses import lens, undistorted
 from ia_bench.readers.pictures import mask_named, photograph, picture_below
 from ia_bench.scenes.photograph import expect_size
 from ia_bench.scenes.scene import Scene, View
@@ -53,11 +53,11 @@ class NerfstudioReader(UnsplitReader):
 
     def read(self, truth: bool) -> Scene:
         """The scene; such folders hold no truth, so held-out photographs are all that is scored. Raises InputError."""
-        notes, sizes = list[str](), Sizes()
+        notes, sizes, masks = list[str](), Sizes(), dict[Path, str]()
         training, held_out = self._splits(notes)
         told = any("exposure" in frame for _, frame in (*training, *held_out))
-        train = [self._view(*frame, notes, sizes, told) for frame in training]
-        test = [self._view(*frame, notes, sizes, told) for frame in self.kept(held_out)]
+        train = [self._view(*frame, notes, sizes, masks, told) for frame in training]
+        test = [self._view(*frame, notes, sizes, masks, told) for frame in self.kept(held_out)]
         return self.scene(train=train, test=test, novel=test, notes=notes)
 
     def _splits(self, notes: list[str]) -> tuple[list[NamedFrame], list[NamedFrame]]:
@@ -106,13 +106,21 @@ class NerfstudioReader(UnsplitReader):
         except InputError:
             return False
 
-    def _view(self, where: str, frame: Mapping[str, Any], notes: list[str], sizes: Sizes, told: bool) -> View:
-        """The view of a frame; ``told``: exposures are those of frames, and not of EXIF."""
+    def _view(
+        self, where: str, frame: Mapping[str, Any], notes: list[str], sizes: Sizes, masks: dict[Path, str], told: bool
+    ) -> View:
+        """The view of a frame; ``masks``: of which photograph each is; ``told``: exposures are those of frames, and not of EXIF."""
         path = picture_below(self.folder, frame.get("file_path"), f"{where}: file_path")
         if not path.is_relative_to(self.folder):  # an absolute path may lead into the folder through a link
             path = self.folder / path.resolve().relative_to(self.folder.resolve())
         name = Path(plain(path.relative_to(self.folder)))
-        photo = photograph(path, self._mask(where, name, frame), notes, self.folder / self.masks)
+        mask = self._mask(where, name, frame)
+        if mask is not None and "mask_path" not in frame and masks.setdefault(mask, plain(name)) != plain(name):
+            own = self.folder / self.masks / name.parent / f"{name.stem}.png"
+            raise InputError(
+                f"{mask}: expected the mask of one photograph, found it for {masks[mask]} and {name}; there is no {own}"
+            )
+        photo = photograph(path, mask, notes, self.folder / self.masks)
         expect_size_of(where, frame, path, photo.mask.shape)
         if told:
             photo = replace(photo, exposure=positive(where, frame, "exposure") if "exposure" in frame else None)
@@ -127,4 +135,5 @@ class NerfstudioReader(UnsplitReader):
         if "mask_path" in frame:
             return file_below(self.folder, frame["mask_path"], f"{where}: mask_path")
         masks = self.folder / self.masks
-        return mask_named(masks.joinpath(*photo.parent.parts[1:]), photo) or mask_named(masks, photo)
+        places = masks / photo.parent, masks.joinpath(*photo.parent.parts[1:]), masks
+        return next(filter(None, (mask_named(place, photo) for place in places)), None)

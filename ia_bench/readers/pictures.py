@@ -149,10 +149,10 @@ def recorded_exposure(path: Path) -> float | None:
         with Image.open(path) as picture:
             record = picture.getexif().get_ifd(ExifTags.IFD.Exif)
         time, speed, stop = (float(np.ravel(record[key])[0]) for key in keys)
-    except (KeyError, IndexError, TypeError, ValueError, ZeroDivisionError, SyntaxError, struct.error):  # of damaged ones, too
+        exposure = time * speed / stop**2
+    except (KeyError, IndexError, TypeError, ValueError, ArithmeticError, SyntaxError, struct.error):  # of damaged ones, too
         return None
-    sound = all(0 < value < float("inf") for value in (time, speed, stop))
-    return time * speed / stop**2 if sound else None
+    return exposure if all(0 < value < float("inf") for value in (time, speed, stop, exposure)) else None
 
 
 def tone_mapped(path: Path, mask: Path, decode: Callable[[np.ndarray], np.ndarray]) -> Photo:

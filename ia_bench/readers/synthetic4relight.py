@@ -50,7 +50,7 @@ class Synthetic4RelightReader(FolderReader):
             if (where, frame) in tested:
                 test.append(self.view(self._with_truth(where, frame, view) if truth else view))
             novel.append(self.view(view))
-            for path in sorted((folder / RELIT).glob(f"*_{view.name}.png")):
+            for path in sorted((folder / RELIT).glob(f"[!.]*_{view.name}.png")):
                 photo, light = photograph(path, None, notes), path.stem.removesuffix(f"_{view.name}")
                 expect_size(path, photo.mask.shape, view.mask.shape, "the view under the training light")
                 novel.append(self.view(photo.view(f"{view.name}_{light}", view.camera, light)))

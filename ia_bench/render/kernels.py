@@ -152,7 +152,8 @@ def shade_adjoint(
     passed = float(1.0)
     passed_slope = float(0.0)
     if coat_side > 0:
-        taps = coat_taps(rough, wp.dot(normals[n], views[n]), coat_side)
+        # At the last row of the table both of its neighbours would be that row, and the slope 0.
+        taps = coat_taps(wp.min(rough, 1.0 - 1e-5), wp.dot(normals[n], views[n]), coat_side)
         passed = 1.0 - fetch_at(coat, taps)
         right = taps.weight[1] + taps.weight[3]
         upper = (1.0 - right) * coat[taps.index[0]] + right * coat[taps.index[1]]

@@ -44,7 +44,7 @@ class AtEqualSeconds:
     """A row in one metric: its ``gain`` over the reference, the ``equal`` one at equal seconds, both positive where it is better.
 
     ``beyond``: whether it takes longer than the whole curve; ``judged``: whether the gain at equal seconds may be called decided,
-    which takes every scene of the reference, and a curve that is as long as the row and that the row is not part of; ``score``:
+    which takes every scene of either row, and a curve that is as long as the row and that the row is not part of; ``score``:
     its mean, None for one that is not ranked; ``front``: whether it is better than every ranked row that costs no more.
     """
 
@@ -86,7 +86,7 @@ class Clock:
         """Row -> what it is beside the reference.
 
         At equal seconds those scenes and seeds count that the row and every row of the curve have; none for a row whose seconds do
-        not compare. The front is of rows of ``ranked`` that have every scene of the reference: their score is its level plus what
+        not compare. The front is of rows of ``ranked`` that share every scene with the reference: their score is its level and what
         they gain.
         """
         sign, own, found = 1 if metric.higher_is_better else -1, Paired.of(scores.get(self.reference, {})), {}
@@ -97,10 +97,11 @@ class Clock:
                     points = [(self.costs[one], sign * scores[one][cell]) for one in self.curve]
                     equal[cell] = sign * score - best_after(points, cost)
             pairs = Paired.of(equal)
-            whole = cost is not None and row in self.ranked and gain.count > 0 and gain.pairs.keys() == own.pairs.keys()
+            every = own.pairs.keys() | {scene for scene, _ in scores.get(row, {})}  # of some the reference may have failed
+            whole = cost is not None and row in self.ranked and gain.count > 0 and gain.pairs.keys() == every
             mean = float(own.scenes.mean()) + sign * float(gain.scenes.mean()) if whole else None
             beyond = cost is not None and cost > self.costs[self.curve[-1]]
-            judged = not beyond and row not in self.curve and pairs.pairs.keys() >= own.pairs.keys()
+            judged = not beyond and row not in self.curve and pairs.pairs.keys() >= every
             found[row] = AtEqualSeconds(gain, pairs, beyond, judged, mean)
         ranked = {row: sign * one.score for row, one in found.items() if one.score is not None}
         ordered = sorted(ranked, key=lambda row: (self.costs[row], -ranked[row]))

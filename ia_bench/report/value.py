@@ -47,8 +47,7 @@ def write_value(findings: Findings, out: Path) -> list[Path]:
     if found:
         reference = found[0].reference
         head = ["row", "metric", "photographs", f"photographs that {reference} needs", "95 %"]
-        scenes = sorted({scene for gain in found for scene in gain.pairs.pairs})
-        told: dict[str, object] = {"maps": [(one.metric.title, _printed(one)) for one in shown], "scenes": scenes}
+        told: dict[str, object] = {"maps": [(one.metric.title, _printed(one)) for one in shown], "scenes": findings.scenes}
         told["photographs"] = Printed(head, [*map(_line, photographs)])
         texts["value.md"] = filled("value.md", findings, reference=reference, pairs=found[0].pairs.count, **told)
         texts["value.csv"] = csv_text(map(_of_gain, found))
@@ -72,7 +71,8 @@ def _entry(gain: Gain | None) -> Entry | str:
     if gain is None:
         return "-"
     signs = [] if gain.pairs.signs is None else ["{}/{} p {}".format(*gain.pairs.signs[:2], p_text(gain.pairs.signs[2]))]
-    behind = "; ".join(filter(None, [gain.between, *signs]))
+    some = [f"{len(gain.pairs.pairs)}/{gain.scenes} scenes"] if not gain.complete else []
+    behind = "; ".join(filter(None, [gain.between, *signs, *some]))
     return Entry(f"{gain.text}{' °' if gain.alone else ''}{behind and f' ({behind})'}", best=gain.survives)
 
 

@@ -63,6 +63,7 @@ class Gain(Judged):
     row: str  # the row, without its capture
     reference: str  # the row that it is compared with, without its capture
     capture: str  # the label of how the scenes were photographed
+    scenes: int  # that the row or the reference has
     beside: float  # mean of the reference over the same scenes and seeds
     level: float  # mean of the reference over all scenes and seeds that it was run with under this capture; the same for every row
 
@@ -155,9 +156,9 @@ def gains(runs: Runs, table: Table) -> list[Gain]:
         if pairs.pairs and level is not None:
             theirs = scores[reference]
             beside = Paired.of({(scene, seed): theirs[scene, seed] for scene, seeds in pairs.pairs.items() for seed in seeds})
-            complete = pairs.pairs.keys() >= {scene for scene, _ in theirs}
-            mean = float(beside.scenes.mean())
-            found.append(Gain(metric, pairs, complete, row.name, table.reference, label, mean, level.mean))
+            scenes = len({scene for scene, _ in (*theirs, *scores[crossed_name(row.name, label)])})  # either may have failed
+            complete, mean = len(pairs.pairs) == scenes, float(beside.scenes.mean())
+            found.append(Gain(metric, pairs, complete, row.name, table.reference, label, scenes, mean, level.mean))
     families = {metric: iter(judged([gain for gain in found if gain.metric == metric])) for metric in METRICS}
     return [next(families[gain.metric]) for gain in found]
 

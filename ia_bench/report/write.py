@@ -101,13 +101,13 @@ def write_report(
         curves = [path for path in (out / "curves").glob("*") if path.suffix in (".png", ".svg")]
         remove_all_but(pictures, [*(out / name for name in SECONDS_FILES), *curves])
     differences = (
-        ({"row": row, "reference": findings.reference, "metric": metric.key}, values[metric.key])
+        ({"row": row, "reference": findings.reference, "metric": metric.key}, values[metric.key], findings.scenes)
         for row, values in findings.differences.items()
         for metric in MEASURED
         if metric in METRICS or values[metric.key].pairs
     )
     claimed = (
-        ({"better": one.better, "worse": one.worse, "metric": one.metric.key, "outcome": one.outcome}, one.pairs)
+        ({"better": one.better, "worse": one.worse, "metric": one.metric.key, "outcome": one.outcome}, one.pairs, findings.scenes)
         for one in findings.verdicts
     )
     records = {"table.csv": _summaries(findings), "differences.csv": _paired(differences), "claims.csv": _paired(claimed)}
@@ -164,9 +164,12 @@ def _summaries(findings: Findings) -> Iterable[Record]:
         yield {"protocol": "the paper's", "scene": "the paper's scenes", "row": row.method, **paper}
 
 
-def _paired(found: Iterable[tuple[Record, Paired]]) -> Iterable[Record]:
-    """The mean of differences with both intervals, then the same scene by scene, each below its label."""
-    for label, pairs in found:
+def _paired(found: Iterable[tuple[Record, Paired, Collection[str]]]) -> Iterable[Record]:
+    """The mean of differences with both intervals, then the same scene by scene, each below its label.
+
+    The mean has a p-value where none of the scenes that it should be over is missing.
+    """
+    for label, pairs, scenes in found:
         for scene, part in {MEAN: pairs, **{scene: pairs.of_scene(scene) for scene in pairs.pairs}}.items():
             seeds = part.over_seeds
             yield label | {
@@ -175,7 +178,8 @@ def _paired(found: Iterable[tuple[Record, Paired]]) -> Iterable[Record]:
                 "half_width_over_seeds": seeds and seeds.half_width,
                 "half_width_over_scenes": seeds and seeds.wider,
                 "half_width_new_scene": part.new_scene,
-                "p_value": part.p_value,
+                "p_value": None if scene == MEAN and pairs.pairs.keys() < {*scenes} else part.p_value,
+                "scenes": len(part.pairs),
                 "scenes_above": part.signs and part.signs[0],
                 "sign_test_p_value": part.signs and part.signs[2],
                 "pairs": part.count,

@@ -271,7 +271,7 @@ def run_here(content: Mapping[str, Any], log: str, folder: str, variables: Mappi
     os.environ.update(variables)
     signal.signal(signal.SIGUSR2, lambda *_: signal.raise_signal(signal.SIGTERM))  # from submitit, shortly before the time is up
     with Path(log).open("a", encoding="utf-8") as said, redirect_stdout(said), redirect_stderr(said):
-        return status_of(lambda: (execute(resolved(content)), OK)[1])
+        return status_of(lambda: (execute(resolved(content)), OK)[1], resumes=True)
 
 
 def _arguments(work: Work) -> tuple[dict[str, Any], str, str, dict[str, str]]:

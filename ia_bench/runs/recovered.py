@@ -178,7 +178,13 @@ class Rescorer:
             self._stage = Stage(self._scene.expect_mesh(), run.device)
             self._scorer = Scorer(self._scene, protocol, run.device)
             self._key = key
-        reconstruction: Reconstruction = run.pictures(self._scene) or run.reconstruction(self._stage)
+        pictures = run.pictures(self._scene)
+        if pictures is None and run.record.renderer == BROUGHT:
+            raise InputError(
+                f"{run.folder / BROUGHT_PICTURES}: expected the pictures that were scored, as a pack keeps them, found none; score "
+                f"them again with protocol={protocol.name}"
+            )
+        reconstruction: Reconstruction = pictures or run.reconstruction(self._stage)
         if run.record.renderer != reconstruction.renderer:
             raise InputError(
                 f"{run.folder / METRICS_FILE}: renderer: expected {reconstruction.renderer}, found {run.record.renderer}: its own "

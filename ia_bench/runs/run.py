@@ -163,7 +163,15 @@ class RunMonitor:
             self._folder.restoring = False  # a method that goes on has taken over what it loaded
             return progress.task(name, total, done)
 
-        return Monitor(begin, progress.note, self.score, self._save, self._load, interruption.asked)
+        return Monitor(
+            begin,
+            progress.note,
+            self.score,
+            self._save,
+            self._load,
+            interruption.asked,
+            elsewhere=lambda: sum(self._costs.seconds.values()),
+        )
 
     def score(self, phase: str, step: int, seconds: float, recovered: Callable[[], Reconstruction]) -> None:
         """Add a row to the curve and write the file."""

@@ -202,8 +202,8 @@ def _upright(file: Image.Image) -> Image.Image:
 def in_srgb(path: Path, picture: Image.Image, notice: Callable[[str], None]) -> Image.Image:
     """The ``picture`` with the colours that its profile describes, in sRGB, and its alpha; what sRGB cannot hold is clipped.
 
-    A picture without a profile, or with one of sRGB, is returned as it is. So is one with a profile that cannot be applied (more
-    than 8 bits, grey, CMYK, damaged), or that is named alone, as cameras do of Adobe RGB, of which ``notice`` is told.
+    A picture without a profile, or with one of sRGB, is returned as it is. So is one with a profile that cannot be applied (of
+    a grey picture or one of CMYK, or damaged), or that is named alone, as cameras do of Adobe RGB, of which ``notice`` is told.
     """
     content = picture.info.get("icc_profile")
     if not content:

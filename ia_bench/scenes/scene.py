@@ -135,7 +135,8 @@ class View:
         """The view with the mean of every ``block`` x ``block`` pixels in place of them, as :meth:`Camera.scaled` has them.
 
         Everything in a view is premultiplied by coverage, so means of blocks are what a larger pixel would have seen. A block
-        is ``valid`` where all of it is.
+        is ``valid`` where all of it is, and black, mask 0, where part of it is beyond the photograph: coverage that is not known
+        is no outline.
         """
         if block == 1:
             return self
@@ -148,6 +149,9 @@ class View:
 
         smaller: dict[str, Any] = {name: mean(values) for name, values in self._arrays().items()}
         if self.valid is not None:
+            beyond = mean(~self.valid & (self.mask == 0)) > 0
+            for values in smaller.values():
+                values[beyond] = 0
             smaller["valid"] = smaller["valid"] == 1
         return replace(self, camera=camera, **smaller)
 

@@ -39,6 +39,7 @@ class Predictions:
         light: (H, W, 3) radiance of balls under the recovered light (:func:`ia_bench.scores.balls.ball_pictures`).
         log_light: (H, W, 3), its log (:func:`ia_bench.scores.balls.log_radiance`).
         metallic: (H, W) of the test views.
+        undefined: Component -> why there is none of it although it was predicted.
     """
 
     albedo: Images | None = None
@@ -48,6 +49,7 @@ class Predictions:
     light: Images | None = None
     log_light: Images | None = None
     metallic: Images | None = None
+    undefined: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

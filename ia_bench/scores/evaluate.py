@@ -204,7 +204,7 @@ def _paired(predictions: Predictions, truth: Predictions, what: str, protocol: P
     if true is None or true == {}:
         return NO_TRUTH[what]
     if predicted is None:
-        return f"the method does not predict {what.replace('_', ' ')}"
+        return predictions.undefined.get(what, f"the method does not predict {what.replace('_', ' ')}")
     if what != "relighting":
         return {"": Pairs(predicted, true, protocol.mask_threshold, what)}
     if sorted(predicted) != sorted(true):

@@ -211,8 +211,7 @@ class Scorer:
 
     def _with_light(self, truth: Predictions) -> Predictions:
         """The same with pictures of the true training light, which curves, and textures that are drawn again, do not score."""
-        light, log_light = _pictures_of(self._train_light)
-        return replace(truth, light=light, log_light=log_light)
+        return replace(truth, **_of_light(self._train_light))
 
     def _predict(
         self,
@@ -256,8 +255,8 @@ class Scorer:
                 if other is not None and pictures[name] is first and any(image.any() for image in first.images):
                     break  # no noise under this light: none under the others, under which the same renderer draws
         view_synthesis = pictures.pop("train", None)
-        light, log_light = _pictures_of(None if truth.light is None else reconstruction.environment)
-        return Predictions(albedo, roughness, view_synthesis, pictures or None, light, log_light, metallic)
+        light = _of_light(None if truth.light is None else reconstruction.environment)
+        return Predictions(albedo, roughness, view_synthesis, pictures or None, metallic=metallic, **light)
 
     def _exported(self, reconstruction: Reconstruction) -> TexturedReconstruction | None:
         """The textures and the light of a method with another renderer than the reference; None where there are none."""
@@ -272,12 +271,12 @@ class Scorer:
         return self._stage
 
 
-def _pictures_of(light: Environment | None) -> tuple[Images, Images] | tuple[None, None]:
-    """What stands for a light in scores: balls under it, and its log radiance; None for no light, and for one that is black."""
+def _of_light(light: Environment | None) -> dict[str, Any]:
+    """What stands for a light in Predictions: balls under it and its log radiance, or, for one that is black or NaN, why not."""
     try:
-        return (None, None) if light is None else (ball_pictures(light), log_radiance(light))
-    except Undefined:
-        return None, None
+        return {} if light is None else {"light": ball_pictures(light), "log_light": log_radiance(light)}
+    except Undefined as reason:
+        return {"undefined": dict.fromkeys(("light", "log_light"), str(reason))}
 
 
 def _true(views: Sequence[View], component: str) -> Images | None:

@@ -45,6 +45,12 @@ def test_without_a_folder_it_lies_beside_the_runs_and_a_browser_opens_it(
     assert capsys.readouterr().out.endswith("no browser was found here; open runs/a-report/page/index.html in one\n")
 
 
+def test_a_root_has_no_name_for_a_folder_beside_it(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("ia_bench.cli.report.folders_with_cells", lambda *_: {})
+    assert main(["/"]) == 2
+    assert "--out: expected a folder" in capsys.readouterr().err
+
+
 def test_a_reference_is_found_by_the_name_that_its_captures_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Runs on one's own photographs are called after their capture: none, hull."""
     write_record(tmp_path / "runs" / "a", "none, hull", 20.0)

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from ia_bench.methods.contract import Monitor
 from ia_bench.methods.descent import PATIENCE, Descent, Phase
+from ia_bench.methods.monitor import CostTracker
 
 Spoil = Callable[[int, "Line"], Tensor | None]
 
@@ -158,6 +159,24 @@ def test_scores_come_at_doubling_steps_off_the_clock():
     passed = time.perf_counter() - started
     assert [score[:2] for score in scores] == [("a", 25), ("a", 50)]
     assert sum(descent.seconds.values()) <= passed - 0.4
+
+
+def test_seconds_that_are_booked_elsewhere_are_none_of_a_phase():
+    """As those of baking, where a step is the first to ask for what has to be baked."""
+    costs = CostTracker()
+
+    def step(number: int, generator: torch.Generator) -> float:
+        with descent.book("prior"), costs.exclude("bake"):
+            time.sleep(0.1)
+        return 0.0
+
+    monitor = Monitor.silent(elsewhere=lambda: sum(costs.seconds.values()))
+    descent = Descent({}, [Phase("a", 2, step=step)], seed=0, monitor=monitor)
+    started = time.perf_counter()
+    descent.descend()
+    passed = time.perf_counter() - started
+    assert costs.seconds["bake"] >= 0.2
+    assert sum(descent.seconds.values()) <= passed - costs.seconds["bake"]
 
 
 @pytest.mark.parametrize("damage", [lambda state: [state], lambda state: {}, lambda state: {**state, "parts": {}}])

@@ -10,15 +10,13 @@ from scipy.spatial.transform import Rotation
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.hull import carving_mask
 from ia_bench.readers.cameras import (
-    Lens,
     camera,
     expect_looking_at_object,
     from_projection,
     from_world_to_camera,
-    lens,
     share_away,
-    undistorted,
 )
+from ia_bench.readers.lenses import Lens, lens, undistorted
 from ia_bench.readers.nerfstudio import NerfstudioReader
 from ia_bench.scenes.scene import Camera, Scene, View
 

@@ -136,6 +136,44 @@ def test_a_frame_s_own_focal_length_counts_before_that_of_the_file(folder: Path)
     assert (second.camera.focal, third.camera.focal) == ((50.0, 50.0), (30.0, 30.0))
 
 
+def test_one_focal_length_of_rows_beside_several_of_columns(folder: Path) -> None:
+    """As the writer has it, too, which says at the top what is alike in all frames."""
+
+    def own(content: dict[str, Any]) -> None:
+        content.pop("fl_x", None)
+        content["fl_y"] = 52.0
+        for number, frame in enumerate(content["frames"]):
+            frame["fl_x"] = 50.0 + number
+
+    edited(WHOLE, own)(folder)
+    assert [view.camera.focal for view in NerfstudioReader(folder).read(truth=False).train[:2]] == [(50.0, 52.0), (51.0, 52.0)]
+
+
+@pytest.mark.parametrize("place", ["masks/train", "masks/images/train", "masks"])
+def test_photographs_of_one_name_have_masks_of_their_own(folder: Path, place: str) -> None:
+    """In either of two places below folders of their own; one for both would be the wrong one of one of them."""
+
+    def apart(content: dict[str, Any]) -> None:
+        for split in (TRAIN, TEST):
+            for number, name in enumerate(content[split]):
+                frame = next(one for one in content["frames"] if one["file_path"] == name)
+                here = place.replace("train", split[: -len("_filenames")])
+                for path, old in ((f"images/{split[:-10]}/{number}.png", name), (f"{here}/{number}.png", frame.pop("mask_path"))):
+                    (folder / path).parent.mkdir(parents=True, exist_ok=True)
+                    (folder / old).rename(folder / path)
+                frame["file_path"] = content[split][number] = f"images/{split[:-10]}/{number}.png"
+
+    wanted = NerfstudioReader(folder).read(truth=False)
+    edited(WHOLE, apart)(folder)
+    if place == "masks":
+        assert "0.png: expected the mask of one photograph, found it for images/train/0.png and images/test/0" in refused(folder)
+        return
+    found = NerfstudioReader(folder).read(truth=False)
+    for split in ("train", "test"):
+        for ours, theirs in zip(getattr(found, split), getattr(wanted, split), strict=True):
+            np.testing.assert_array_equal(ours.mask, theirs.mask)
+
+
 def test_photographs_do_not_pile_up_at_their_full_size(tmp_path: Path) -> None:
     """Each with a focal length of its own, as apps of phones write it, and made smaller one by one."""
     photo, frames, count = np.full((256, 256, 4), 255, np.uint8), [], 16

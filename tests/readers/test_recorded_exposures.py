@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from layouts import scene_to_write
-from PIL import Image
+from PIL import ExifTags, Image
 from spoils import edited
 
 from ia_bench.capture.capture import captured, record
@@ -130,3 +130,11 @@ def test_exif(tmp_path: Path) -> None:
     record.get_ifd(0x8769)[33437] = 0.0
     picture.save(tmp_path / "zero.jpg", exif=record)
     assert recorded_exposure(tmp_path / "zero.jpg") is None
+
+
+@pytest.mark.parametrize("stop", [1e-200, 1e200])
+def test_a_damaged_f_number_is_no_exposure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stop: float) -> None:
+    Image.new("RGB", (2, 2)).save(tmp_path / "a.png")
+    record = {ExifTags.Base.ExposureTime: 0.01, ExifTags.Base.ISOSpeedRatings: 100, ExifTags.Base.FNumber: stop}
+    monkeypatch.setattr(Image.Exif, "get_ifd", lambda *_: record)
+    assert recorded_exposure(tmp_path / "a.png") is None

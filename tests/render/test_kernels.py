@@ -193,6 +193,20 @@ def test_values_and_gradients(case: Case) -> None:
         assert float(gradient.abs().max()) > 0, name
 
 
+@pytest.mark.parametrize("component", [0, 1], ids=["diffuse", "specular"])
+def test_the_slope_at_roughness_1_is_that_before_it(component: int) -> None:
+    """Where the coat's table ends, and where fits hold a texel that would be rougher."""
+    surface, _, _, drawn = draw(light_of("random"), torch.full((1, 1, 1), 0.9))
+
+    def slope(rough: float) -> float:
+        material = Material(torch.full((1, 1, 3), 0.5), torch.full((1, 1, 1), rough, requires_grad=True))
+        shaded = shade_samples(surface, drawn, material, light_of("random").radiance, "layered", None)
+        return float(torch.autograd.grad([*vars(shaded).values()][component].sum(), material.roughness)[0])
+
+    assert slope(1.0) == pytest.approx(slope(0.9995), rel=0.01)
+    assert abs(slope(1.0)) > 1e-3
+
+
 # ---------------------------------------------------------------- the lattice
 @pytest.mark.parametrize(("points", "count"), [(1, 16), (4, 8), (9, 3)])
 def test_lattice_is_uniform_and_stratified(points: int, count: int) -> None:

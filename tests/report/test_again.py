@@ -138,3 +138,14 @@ def test_a_share_that_is_none_is_refused(published: Path, capsys: pytest.Capture
     with pytest.raises(SystemExit):
         main([str(published), "--share", share])
     assert "above 0 and up to 1" in capsys.readouterr().err
+
+
+def test_an_interrupted_verification_does_not_say_that_it_resumes(
+    published: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ia_bench.report.again.repeat", interrupted)
+    assert main([str(published)]) == 130
+    assert "interrupted; the same command starts over" in capsys.readouterr().err

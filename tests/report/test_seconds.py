@@ -89,6 +89,13 @@ def test_scenes_and_seeds_count_that_the_whole_curve_has() -> None:
     assert clocked(some).compared(ALBEDO)["slow"].equal.pairs == {"falls": {0: 4.0}, "rises": {0: 4.0}}
 
 
+def test_a_scene_on_which_the_reference_failed_is_missing_like_one_on_which_the_row_did() -> None:
+    for lacking in ("none", "ours"):
+        some = [one for one in records() if (one["row"], one["scene"]) != (lacking, "falls")]
+        found = clocked(some).compared(ALBEDO)["ours"]
+        assert (found.judged, found.front, found.score) == (False, False, None), lacking
+
+
 def test_the_front_is_what_nobody_beats_in_less_time() -> None:
     found = clocked(records()).compared(ALBEDO)
     assert [row for row, one in found.items() if one.front] == ["none", "twice", "ours", "slow"]

@@ -152,6 +152,15 @@ def test_a_row_that_lacks_a_scene_decides_nothing() -> None:
     assert (gain.p_value, gain.outcome, gain.alone) == (None, "undecided", False)
 
 
+def test_a_reference_that_lacks_a_scene_decides_nothing_either_and_the_cell_says_so(tmp_path: Path) -> None:
+    found = records({"2 views": [[1.0], [1.1], [1.2]]})
+    some = as_table([one for one in found if (one["row"], one["scene"]) != ("none, 2 views", "s0")])
+    (gain,) = [one for one in gains(some, TABLE) if one.metric.key == "aligned_albedo.psnr"]
+    assert (gain.p_value, gain.outcome, gain.alone) == (None, "undecided", False)
+    write(some, TABLE, tmp_path)
+    assert "2/3 scenes)" in (tmp_path / "value.md").read_text()
+
+
 def test_the_level_of_the_reference_is_that_of_all_its_runs_whichever_row_stands_first(tmp_path: Path) -> None:
     """The kernel, the first row, has one seed of each scene, the other row both: the reference has 10 and 20, 30 and 40 dB."""
     table = Table(rows=[Row("none", []), Row("kernel", []), Row("other", [])], reference="none", captures=[{}, {"views": 8}])

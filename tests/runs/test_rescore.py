@@ -13,6 +13,7 @@ from coarse import COARSE
 from ia_bench.cli.rescore import main
 from ia_bench.common.errors import InputError
 from ia_bench.facade import Fit
+from ia_bench.render.settings import BROUGHT
 from ia_bench.report.collect import collect
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
@@ -128,3 +129,10 @@ def test_a_run_with_a_renderer_of_its_own_is_not_scored_by_another(ceiling: Path
     with pytest.raises(InputError, match="found split sum; .*: its own renderer is gone; run it again with protocol=paper-v3$"):
         Rescorer().rescore(folder, small(), tmp_path / "new")
     assert not list((tmp_path / "new").rglob("*.json"))
+
+
+def test_pictures_that_were_brought_and_not_kept_cannot_be_scored_again(ceiling: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(ceiling, tmp_path / "brought")
+    (folder / "metrics.json").write_text(json.dumps({**record(folder), "renderer": BROUGHT}))
+    with pytest.raises(InputError, match="expected the pictures that were scored, as a pack keeps them, found none"):
+        Rescorer().rescore(folder, small(), tmp_path / "new")

@@ -10,6 +10,7 @@ import pytest
 import torch
 from skimage.draw import polygon
 
+from ia_bench.geometry.hull import carving_mask
 from ia_bench.render.gbuffer import primary_rays
 from ia_bench.scenes.images import display, straight
 from ia_bench.scenes.scene import Camera, Scene, View, of_one_size
@@ -72,6 +73,20 @@ def test_a_scaled_view_sees_the_same_in_larger_pixels(tiny: Scene) -> None:
     np.testing.assert_allclose(small.albedo[2, 4], view.albedo[6:9, 12:15].mean((0, 1)), rtol=1e-5)
     assert (~small.valid).nonzero()[0].tolist() == [1] * 10  # a block is known where all of it is
     assert view.scaled(1) is view
+
+
+def test_what_is_beyond_a_photograph_is_no_outline_in_larger_pixels(tiny: Scene) -> None:
+    """An object that fills the photograph, of which a lens has left two columns unknown."""
+    full = np.ones((32, 32), np.float32)
+    beyond = np.indices((32, 32))[1] < 2
+    view = replace(tiny.test[0], mask=np.where(beyond, 0, full), image=np.ones((32, 32, 3), np.float32) * ~beyond[..., None])
+    small = replace(view, valid=~beyond).scaled(4)
+    assert small.mask[:, 0].tolist() == [0.0] * 8
+    assert not small.image[:, 0].any()
+    np.testing.assert_array_equal(small.mask[:, 1:], 1)
+    np.testing.assert_array_equal(small.valid, np.indices((8, 8))[1] > 0)
+    assert (carving_mask(small) == 1).all()
+    assert view.scaled(4).mask[0, 0] == 0.5, "of a photograph that is known this is the outline"
 
 
 def test_what_covers_a_pixel_is_the_image_over_its_coverage() -> None:

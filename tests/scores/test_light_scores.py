@@ -8,11 +8,15 @@ import torch
 
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import row_solid_angles, texel_centres
+from ia_bench.material.textures import Material
+from ia_bench.render.reconstruction import TexturedReconstruction
+from ia_bench.render.stage import Stage
 from ia_bench.scores.balls import EXPOSURE, SIDE, SIDES, ball_pictures, log_radiance, of_mean_one
 from ia_bench.scores.comparison import Predictions
 from ia_bench.scores.evaluate import score
 from ia_bench.scores.metrics import Undefined
 from ia_bench.scores.protocol import Protocol
+from ia_bench.scores.scorer import Scorer
 
 ROWS = 64
 
@@ -81,3 +85,13 @@ def test_a_black_light_has_no_score_and_one_that_is_not_recovered_neither():
     scores = score(Predictions(), predicted(light(sky)), Protocol())
     assert scores.metrics["light"]["psnr"] is None
     assert scores.reasons["light.psnr"] == "the method does not predict light"
+
+
+@pytest.mark.parametrize("radiance", [0.0, math.nan])
+def test_a_recovered_light_that_has_no_score_says_why(tiny, radiance):
+    """Which is not that the method predicts none."""
+    material = Material(torch.full((1, 1, 3), 0.5), torch.full((1, 1, 1), 0.5))
+    recovered = TexturedReconstruction(Stage(tiny.mesh, torch.device("cpu")), material, torch.full((8, 16, 3), radiance))
+    found = Scorer(tiny, Protocol(samples_per_pixel=1), torch.device("cpu")).full(recovered)
+    assert found.metrics["light"]["psnr"] is None
+    assert {found.reasons[key] for key in ("light.psnr", "log_light.rmse")} == {f"the light's mean radiance is {radiance:g}"}

@@ -25,6 +25,6 @@ def command_of(usage: str, kind: type[T], do: Callable[[T, Progress], object]) -
         return OK
 
     def main(arguments: Sequence[str] | None = None) -> int:
-        return command(lambda: usage, work, arguments)
+        return command(lambda: usage, work, arguments, resumes=True)
 
     return main

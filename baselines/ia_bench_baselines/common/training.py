@@ -199,7 +199,7 @@ def training_command(settings: type[SettingsOf], usage: str, train: Callable[[Se
             progress.note(f"best: {best}; {chosen.out / WEIGHTS}" if best else none)
         return OK
 
-    return command(lambda: usage + settings_text(settings), work, None)
+    return command(lambda: usage + settings_text(settings), work, None, resumes=True)
 
 
 def masked_mean(values: Tensor, masks: Tensor) -> Tensor:

@@ -58,13 +58,14 @@ class TwoStageFit:
         descent = self.descent
         descent.descend(lambda: self._reconstruction(final=False))
         solve, parameters = self.settings.solve_albedo, self.parameters
-        if solve is True or (solve == "auto" and not self.problem.coupling.says_albedo):
+        if solve is True or (solve == "auto" and not self.prior.says_albedo):
             with descent.book("stage2"), torch.no_grad():
                 material, light = parameters.material(detached=True), parameters.light()
                 albedo = solved_albedo(self.problem, parameters.exposures, material, light, descent.generator)
                 descent.counters["solved_albedo_clamped"] = 0
                 parameters.tensors["albedo"].copy_(self._in_range("albedo", albedo, "solved_albedo_clamped"))
-        recovered = self._reconstruction(final=True)
+        with descent.book("stage2"):
+            recovered = self._reconstruction(final=True)
         samples = {"samples_per_pixel": self.losses.samples_per_pixel}
         return Result(recovered, descent.seconds, {**self.prior.sampler.counters, **descent.counters, **samples}, self.steps)
 

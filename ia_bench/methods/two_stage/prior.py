@@ -42,6 +42,11 @@ class PriorLoss:
             raise InputError(f"{expected} {method}, found {name_of(self._prior)}, which has none")
 
     @property
+    def says_albedo(self) -> bool:
+        """Whether losses say which albedo a pixel has, so that photographs alone do not decide it when all steps are done."""
+        return self._coupling.says_albedo and "albedo" in self._used
+
+    @property
     def start(self) -> PixelSamples | None:
         """The samples that say where the albedo starts; None if there are none. A prior switched off must not leak in here."""
         return self.samples if self._coupling.sets_albedo and "albedo" in self._used else None

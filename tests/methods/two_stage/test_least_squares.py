@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_fit import SETTINGS, Record, altered, coupled, fit
+from small_fit import SETTINGS, Record, altered, coupled, fit, oracle
 from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
@@ -15,6 +15,7 @@ from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.couplings.targets import Targets
 from ia_bench.methods.two_stage.least_squares import conjugate_gradients, solved_albedo
 from ia_bench.priors.contract import NoPrior
+from ia_bench.scenes.scene import Scene
 
 SIDE = 64
 SAMPLES = 256
@@ -130,12 +131,18 @@ def test_it_comes_after_the_last_regulariser(problem: Problem) -> None:
     assert float((solved - 0.5).abs().max()) > 0.05
 
 
-@pytest.mark.parametrize(("coupling", "solved"), [(Kernel, True), (Targets, False)])
-def test_what_says_the_albedo_is_overruled_where_it_is_asked_for(problem: Problem, coupling: type[Coupling], solved: bool) -> None:
+@pytest.mark.parametrize(
+    ("coupling", "solved"),
+    [(Kernel(), True), (Targets(), False), (Targets(albedo=0), True)],
+    ids=["kernel", "targets", "targets of specular shading alone"],
+)
+def test_what_says_the_albedo_is_overruled_where_it_is_asked_for(
+    problem: Problem, scene: Scene, coupling: Coupling, solved: bool
+) -> None:
     """By the photographs alone."""
 
     def counts(on: bool | str) -> bool:
-        result = fit(coupled(problem, coupling()), NoPrior(), replace(SETTINGS, solve_albedo=on), Record())
+        result = fit(coupled(problem, coupling), oracle(scene), replace(SETTINGS, solve_albedo=on), Record())
         return "solved_albedo_clamped" in result.counters
 
     assert (counts("auto"), counts(True), counts(False)) == (solved, True, False)
