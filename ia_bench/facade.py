@@ -229,7 +229,7 @@ def fit(
     Args:
         scene: What :func:`load` gave.
         prior: A prior's name, or ``"module:Class"``.
-        preset: How much work: "smoke", "quick" or "full".
+        preset: How much work: "smoke", "quick" or "full"; or the paper's settings: "letter", "paper".
         seed: Every random draw depends on it.
         device: "auto", "cpu" or "cuda".
         progress: Whether progress and notes are shown on standard error; if not, notes are logged by the logger ``ia_bench``.

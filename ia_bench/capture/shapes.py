@@ -27,7 +27,7 @@ from ia_bench.geometry.refinement import surface_from_images
 from ia_bench.scenes.photograph import read_stored
 from ia_bench.scenes.scene import Mesh, Scene, View
 
-VERSION = 3  # of how a mesh is made: those that another one made are not taken from the cache
+VERSION = 4  # of how a mesh is made: those that another one made are not taken from the cache
 CAMERAS = "cameras"  # of the training views, where they have moved
 SETTING = "capture.sdf.normals"
 SUFFIXES = ".png", ".exr", ".npy"
@@ -62,6 +62,8 @@ def with_geometry(
         given = scene.expect_mesh()
         mesh = smoothed(given, settings.smoothing * float(np.linalg.norm(np.ptp(given.vertices, axis=0))))
     else:
+        if scene.mesh is not None:
+            note(f"capture.geometry={kind}: the mesh of {scene.source} is not used; capture.geometry=given takes it")
         seen = replace(scene, mesh=None).blind()  # nothing that is made may know the truth
         made = Cache().kept(_key(seen, settings, normals), lambda: _made(seen, settings, note, normals, begin))
         mesh = Mesh(*(made[part.name].numpy() for part in fields(Mesh)))

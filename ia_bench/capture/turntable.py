@@ -38,11 +38,11 @@ def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callab
     if settings.light == "camera":
         return TurningLight(start)
     if settings.turntable_axis != "auto":
-        axis = np.array(settings.turntable_axis)
+        axis = np.array(settings.turntable_axis, float)
         if not axis.any():
             raise InputError("capture.turntable_axis: expected a direction, found [0, 0, 0]")
-        axis, middle = axis / np.linalg.norm(axis), where_they_meet(poses[:, :3, 3], poses[:, :3, 2])  # which is on the axis
-        given = TurningLight(start, (Round(_vector(axis), _vector(middle)),))
+        axis /= np.linalg.norm(axis)
+        given = TurningLight(start, (Round(_vector(axis), _vector(_point_on(axis, poses))),))
         _expect_beside(given, views, poses)
         return given
     places = len(np.unique(poses[:, :3, 3], axis=0))
@@ -51,7 +51,7 @@ def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callab
     rounds = fitted_rounds(poses)
     residual = float(np.sqrt(np.average([one.residual**2 for one in rounds], weights=[len(one.views) for one in rounds])))
     told = f"{100 * residual:.1f} % of their mean radius off (root mean square)"
-    downward = int((poses[:, :3, 1] @ rounds[0].axis <= 0).sum()) if len(rounds) == 1 else 0
+    downward = int((_up(poses, rounds[0].axis) @ rounds[0].axis <= 0).sum()) if len(rounds) == 1 else 0
     if downward:
         told += f", {downward} of them upside down"
     if residual > OFF or downward:
@@ -80,6 +80,20 @@ def _expect_beside(turning: TurningLight, views: Sequence[View], poses: np.ndarr
                 f"capture.light=turntable: expected cameras beside the axis, found {view.name} on it, from which nobody sees how "
                 "far the object has turned; capture.light=camera needs no axis"
             )
+
+
+def _point_on(axis: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """A point (3,) on a given axis: that of the circles around it; or where cameras look, if they are on none or too few for it."""
+    centres, seen = poses[:, :3, 3], where_they_meet(poses[:, :3, 3], poses[:, :3, 2])
+    if len(np.unique(centres, axis=0)) < ENOUGH:
+        return seen
+    point, offs, _ = _circles(axis, centres, _labels(centres @ axis, centres))
+    return point + (seen @ axis) * axis if np.square(offs).sum() <= len(offs) * OFF**2 else seen
+
+
+def _up(poses: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """What is up in photographs, or down in all, (V, 3): poses are of pixels as they are stored, maybe of a camera on its side."""
+    return poses[:, :3, int(np.abs(poses[:, :3, 0] @ axis).mean() <= np.abs(poses[:, :3, 1] @ axis).mean())]
 
 
 def _vector(values: np.ndarray) -> Vector:
@@ -113,7 +127,9 @@ def fitted_rounds(poses: np.ndarray) -> list[Circles]:
     what is left goes on to the next axis. One axis for all comes back, however far off they are, where others do no better.
     """
     whole = fitted_circles(poses)
-    if whole.residual <= OFF and (poses[:, :3, 1] @ whole.axis > 0).all():  # an object that was turned over has the axis reversed
+    if (
+        whole.residual <= OFF and (_up(poses, whole.axis) @ whole.axis > 0).all()
+    ):  # an object that was turned over has the axis reversed
         return [whole]
     rest, found = np.arange(len(poses)), []
     while len(rest) >= ENOUGH:
@@ -165,10 +181,12 @@ def fitted_circles(poses: np.ndarray) -> Circles:
 
             axis = basis[0] + least_squares(off, np.zeros(2), loss="soft_l1", f_scale=OFF).x @ basis[1:]
             axis /= np.linalg.norm(axis)
-        axis *= np.sign(axis @ poses[:, :3, 1].sum(0)) or 1.0
+        axis *= np.sign(axis @ _up(poses, axis).sum(0)) or 1.0
         point, offs, sizes = _circles(axis, centres, label)
+        height = float(where_they_meet(centres, poses[:, :3, 2]) @ axis)  # of the object, wherever the origin is
+        sizes = tuple((high - height, wide) for high, wide in sizes)
         residual = float(np.sqrt(np.square(offs).sum() / len(offs)))
-        found.append(Circles(axis, point, sizes, residual, np.arange(len(poses))))
+        found.append(Circles(axis, point + height * axis, sizes, residual, np.arange(len(poses))))
     return min(found, key=lambda circles: circles.residual)
 
 

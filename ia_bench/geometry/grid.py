@@ -18,7 +18,7 @@ from ia_bench.geometry.mesh import smooth_normals, unwrap
 from ia_bench.scenes.scene import Mesh
 
 FLATTEST = 1e-6  # least sine of an angle when its cotangent is taken, so that a needle of a triangle has a finite weight
-CRUMB = 0.01  # of the largest part's triangles; smaller parts are noise
+CRUMB = 0.001  # of the largest part's triangles, a thirtieth of its size; smaller parts are noise
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from ia_bench.geometry.mesh import expect_near_origin
 from ia_bench.scenes.scene import Camera, View
 
 HALF = 0.5  # coverage on an outline
-SOFT_SHARE = 0.02  # of the pixels of a mask that an antialiased outline leaves between 0 and 1, at least
+SOFT_SHARE = 0.2  # of the pixels along outlines, those of what is unknown among them, that antialiasing leaves soft, at least
 REACH = 0.5  # pixels along an outline between the nearest of its points and that of the nearest pixel, about
 BLUR = 0.7  # pixels, by which a mask of zeros and ones is blurred: the staircase of its outline becomes a slope
 COARSEST = 16  # cells along the longest side of the box on the first grid, at least
@@ -71,12 +71,14 @@ def outline_distance(mask: np.ndarray) -> np.ndarray:
     Pixels that the line runs through tell where: of a straight line, coverage falls by the length of its chord per pixel. All
     others take the line through the nearest of these, and at corners, where that would be too near, the distance of its point.
     """
-    soft = (mask > 0.02) & (mask < 0.98)
-    blurred = soft.sum() < SOFT_SHARE * (mask > HALF).sum()
-    values = gaussian_filter(mask.astype(np.float64), BLUR) if blurred else mask.astype(np.float64)
+    values = mask.astype(np.float64)
+    edge = _edge_pixels(values)
+    blurred = ((mask > 0.02) & (mask < 0.98)).sum() < SOFT_SHARE * edge.sum()
+    if blurred:
+        values = gaussian_filter(values, BLUR)
+        edge = _edge_pixels(values)
     inside = values > HALF
     side = np.where(inside, -1.0, 1.0)
-    edge = _edge_pixels(values)
     if not edge.any():  # all of the picture on one side
         return (side * np.hypot(*mask.shape)).astype(np.float32)
     slope = slopes(gaussian_filter(values, 0.5))

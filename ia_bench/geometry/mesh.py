@@ -30,7 +30,7 @@ from ia_bench.scenes.scene import Mesh
 if TYPE_CHECKING:
     import trimesh
 
-READ = "5"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
+READ = "6"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
 FAR = 1e4  # sizes of an object from the origin: single precision, in which rays are traced, shifts its points by .0006 of it there
 BORDER = 1 / 256  # of the whole square, around what each material has: look-ups between texels reach beyond it
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
@@ -115,20 +115,40 @@ def _joined_uv(parts: Sequence[trimesh.Trimesh], path: Path) -> tuple[np.ndarray
 
 
 def _wound_outward(mesh: Mesh, path: Path, notes: tuple[str, ...]) -> tuple[Mesh, tuple[str, ...]]:
-    """The mesh with its triangles counter-clockwise from outside: as most normals say, and so that a closed one has a volume."""
-    import trimesh
-
+    """The mesh with its triangles counter-clockwise from outside: as most normals say, and so that closed parts have a volume."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     if (across * mesh.normals[mesh.faces].sum(1)).sum() < 0:
         mesh = replace(mesh, faces=np.ascontiguousarray(mesh.faces[:, ::-1]))
         notes = (*notes, f"{path.name}: triangles wound against the stored normals; all of them turned round")
+    turned, parts = _inside_out(mesh)
+    if turned.any():
+        faces, normals = mesh.faces.copy(), mesh.normals.copy()
+        faces[turned] = faces[turned, ::-1]
+        normals[np.unique(mesh.faces[turned])] *= -1
+        mesh = replace(mesh, faces=faces, normals=normals)
+        what = "a closed mesh that is" if turned.all() else f"closed parts ({parts}) that are"
+        notes = (*notes, f"{path.name}: {what} inside out; triangles and normals turned round")
+    return mesh, notes
+
+
+def _inside_out(mesh: Mesh) -> tuple[np.ndarray, int]:
+    """Which triangles (F,) bound closed parts that are inside out, and how many such parts; a hollow in another part is none."""
+    import trimesh
+
     places, shared = np.unique(mesh.vertices, axis=0, return_inverse=True)
     solid = trimesh.Trimesh(places, shared[mesh.faces], process=False)
-    if solid.is_watertight and solid.volume < 0:
-        mesh = replace(mesh, faces=np.ascontiguousarray(mesh.faces[:, ::-1]), normals=-mesh.normals)
-        notes = (*notes, f"{path.name}: a closed mesh that is inside out; triangles and normals turned round")
-    return mesh, notes
+    part = trimesh.graph.connected_component_labels(solid.face_adjacency, node_count=len(solid.faces))
+    corners = solid.triangles - solid.triangles[:1, :1]  # near the origin, for the sake of rounding
+    volume = np.bincount(part, (corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum(1))
+    sides = np.bincount(solid.edges_unique_inverse)[solid.edges_unique_inverse].reshape(-1, 3)  # triangles that share each edge
+    open_parts = np.bincount(part, (sides != 2).any(1)) > 0
+    low, high = np.full((len(volume), 3), np.inf), np.full((len(volume), 3), -np.inf)
+    np.minimum.at(low, part, corners.min(1))
+    np.maximum.at(high, part, corners.max(1))
+    closed = np.flatnonzero((volume < 0) & ~open_parts)
+    wrong = [one for one in closed if not ((low < low[one]) & (high > high[one])).all(1).any()]
+    return np.isin(part, wrong), len(wrong)
 
 
 def sound_mesh(

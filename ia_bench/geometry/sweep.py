@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter
 from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 from torch import Tensor
@@ -224,8 +224,10 @@ def redistanced(grid: DistanceGrid) -> DistanceGrid:
     values = grid.values.numpy()
     vertices, faces, _, _ = marching_cubes(values, 0.0)
     surface = np.concatenate([vertices, vertices[faces].mean(1)])
-    places = np.indices(values.shape).reshape(3, -1).T
-    distance = cKDTree(surface).query(places, distance_upper_bound=FAR)[0].clip(max=FAR).reshape(values.shape)
+    inside, distance = values < 0, np.full(values.shape, FAR)
+    beside = binary_dilation(inside) & binary_dilation(~inside)  # a triangle has one of its cell's corners among them
+    near = distance_transform_edt(~beside) < FAR + 2
+    distance[near] = cKDTree(surface).query(np.argwhere(near), distance_upper_bound=FAR)[0].clip(max=FAR)
     signed: np.ndarray = gaussian_filter(np.where(values < 0, -distance, distance), BLUR)
     found: Tensor = torch.from_numpy(signed.astype(np.float32)) * grid.step
     return DistanceGrid(found, grid.low, grid.step)

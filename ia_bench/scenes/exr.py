@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -159,8 +161,18 @@ def read_rgbe(path: Path) -> np.ndarray:
             place = _row(content, place, row)
     except (IndexError, ValueError, MemoryError):
         raise InputError(f"{path}: expected {height} rows of {width} pixels, found damaged or missing data") from None
-    scale = np.where(rows[..., 3] > 0, np.exp2(rows[..., 3].astype(np.float64) - 136), 0)
+    scale = np.where(rows[..., 3] > 0, np.exp2(rows[..., 3].astype(np.float64) - 136), 0) / _exposure(path, head)
     return (rows[..., :3] * scale[..., None]).astype(np.float32)
+
+
+def _exposure(path: Path, head: bytes) -> float:
+    """By what all pixels of a Radiance picture have been multiplied: the product of its lines EXPOSURE=. Raises InputError."""
+    found = re.findall(rb"^EXPOSURE=\s*(\S*)", head, re.MULTILINE)
+    with suppress(ValueError):
+        product = math.prod(map(float, found))
+        if 0 < product < math.inf:
+            return product
+    raise InputError(f"{path}: EXPOSURE: expected a number above 0, found {b', '.join(found).decode(errors='replace')}")
 
 
 def rgbe(radiance: np.ndarray) -> bytes:

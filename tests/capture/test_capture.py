@@ -142,7 +142,7 @@ def test_a_hull_needs_no_mesh_and_leaves_the_truth(tiny: Scene) -> None:
     assert after.truth.mesh is tiny.mesh
     assert after.mesh_is_made
     again = captured(replace(tiny, mesh=None), CaptureSettings(**settings), notes.append)  # type: ignore[arg-type]
-    assert len(notes) == 1  # the second one is from the cache
+    assert len(notes) == 2  # that the given mesh is not used, and how the hull is made; the second one is from the cache
     np.testing.assert_array_equal(again.expect_mesh().vertices, after.expect_mesh().vertices)
     assert again.truth.mesh is None
     given, found = tiny.expect_mesh().vertices, after.expect_mesh().vertices
@@ -155,13 +155,13 @@ def test_an_sdf_is_made_of_images_and_knows_no_truth(tiny: Scene) -> None:
     notes: list[str] = []
     after = captured(tiny, settings, notes.append)
     bare = captured(replace(tiny.blind(), mesh=None), settings, notes.append)
-    assert len(notes) == 1
+    assert len(notes) == 2
     np.testing.assert_array_equal(after.expect_mesh().vertices, bare.expect_mesh().vertices)
     assert after.mesh_is_made
     assert after.truth.mesh is tiny.mesh
     other = replace(tiny, train=(replace(tiny.train[0], image=2 * tiny.train[0].image), *tiny.train[1:]))
     captured(other, settings, notes.append)
-    assert len(notes) == 2
+    assert sum("from 16 training views" in note for note in notes) == 2
     hull = replace(settings, geometry="hull", cells=32)
     captured(tiny, hull, notes.append)
     captured(other, hull, notes.append)

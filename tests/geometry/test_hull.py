@@ -8,7 +8,7 @@ import torch
 from bowls import ball_views
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.grid import extracted, normals_at
+from ia_bench.geometry.grid import DistanceGrid, extracted, normals_at
 from ia_bench.geometry.hull import outline_distance, visual_hull
 
 RADIUS = 0.7
@@ -97,3 +97,26 @@ def test_map_coordinates_are_refused(distance: float, far: bool) -> None:
             visual_hull(views, 24)
     else:
         assert np.linalg.norm(extracted(visual_hull(views, 24))[0] - distance, axis=1).min() > RADIUS - 0.2 * PIXEL
+
+
+def test_a_thin_part_beside_a_large_one_keeps_its_width() -> None:
+    """A wire of one and a quarter pixels beside a disc of 260, few of whose pixels are soft."""
+    mask, _ = disc(130.0, side=320)
+    fine = (np.arange(320 * 8) + 0.5) / 8
+    mask[:, 300:] = ((fine > 309.4) & (fine < 310.65)).reshape(320, 8).mean(1)[300:]
+    distance = outline_distance(mask.astype(np.float32))[160, 300:320]
+    crossed = np.flatnonzero(np.diff(np.sign(distance)))
+    places = [place + distance[place] / (distance[place] - distance[place + 1]) for place in crossed]
+    assert places[1] - places[0] == pytest.approx(1.25, abs=0.15)
+
+
+def test_small_parts_that_every_view_shows_are_kept_and_noise_is_not() -> None:
+    axes = torch.meshgrid(*3 * [torch.linspace(-1, 1, 81)], indexing="ij")
+    points = torch.stack(axes, -1)
+
+    def ball(radius: float, place: float) -> torch.Tensor:
+        return (points - torch.tensor([0.0, 0.0, place])).norm(dim=-1) - radius
+
+    field = torch.minimum(torch.minimum(ball(0.5, -0.2), ball(0.08, 0.7)), ball(0.02, 0.9))
+    vertices, _ = extracted(DistanceGrid(field, torch.full((3,), -1.0), 2 / 80))
+    assert vertices[:, 2].max() == pytest.approx(0.78, abs=0.01)

@@ -197,3 +197,24 @@ def test_normals_turn_with_their_part(tmp_path: Path, linear: np.ndarray) -> Non
     for across in ([0.0, 1, 0], [-0.8, 0, 0.6]):  # at right angles to HARD
         np.testing.assert_allclose(moved @ (linear @ across), 0, atol=1e-5)
     assert (moved @ (linear @ HARD[0]) > 0).all()
+
+
+# ---------------------------------------------------------------- parts that are inside out
+@pytest.mark.parametrize(("turned", "hollow"), [(0, False), (1, False), (1, True)])
+def test_each_closed_part_is_turned_outward_but_a_hollow(tmp_path: Path, turned: int, hollow: bool) -> None:
+    """A large ball and a small one, of which one is inside out; where the small one is in the large one, it is its hollow."""
+    balls = [trimesh.creation.icosphere(2, radius) for radius in (1.0, 0.5)]
+    balls[turned].invert()
+    balls[1].apply_translation([0 if hollow else 2.0, 0, 0])
+    whole = trimesh.util.concatenate(balls)
+    uv = TextureVisuals(uv=0.4 + 0.1 * whole.vertices[:, :2])
+    trimesh.Trimesh(whole.vertices, whole.faces, visual=uv, process=False).export(tmp_path / "mesh.ply")
+    mesh, notes = load_mesh(tmp_path / "mesh.ply")
+    corners = mesh.vertices[mesh.faces].astype(float)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    small = np.arange(len(mesh.faces)) >= len(balls[0].faces)
+    centre = np.where(small[:, None], balls[1].vertices.mean(0), 0)
+    outward = (across * (corners.mean(1) - centre)).sum(1) > 0
+    assert outward[~small].all()
+    assert outward[small].all() != hollow
+    assert any("closed parts (1) that are inside out" in note for note in notes) != hollow

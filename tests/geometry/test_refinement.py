@@ -6,6 +6,9 @@ import bowls
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
+from skimage.measure import marching_cubes
 from torch.nn.functional import avg_pool2d
 
 from ia_bench.common.errors import InputError
@@ -15,6 +18,8 @@ from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.marching import Rays
 from ia_bench.geometry.refinement import surface_from_images, turned_away
 from ia_bench.geometry.sweep import (
+    BLUR,
+    FAR,
     PLANES_AT_ONCE,
     WINDOW,
     DepthMap,
@@ -191,3 +196,16 @@ def test_few_or_black_photographs_are_refused(views: list[View]) -> None:
         surface_from_images(views[:3], CELLS, 0)
     with pytest.raises(InputError, match="expected images that show something, found all of them black"):
         surface_from_images([replace(view, image=0 * view.image) for view in views], CELLS, 0)
+
+
+def test_distances_are_computed_again_near_the_surface_as_everywhere() -> None:
+    """Against the nearest point of all for every vertex of the grid."""
+    low, side = torch.full((3,), -1.0), 41
+    axes = torch.meshgrid(*3 * [torch.linspace(-1, 1, side)], indexing="ij")
+    field = (torch.stack(axes, -1) - torch.tensor([0.1, 0.0, 0.2])).norm(dim=-1) ** 3 - 0.05
+    vertices, faces, _, _ = marching_cubes(field.numpy(), 0.0)
+    surface = np.concatenate([vertices, vertices[faces].mean(1)])
+    every = cKDTree(surface).query(np.indices(field.shape).reshape(3, -1).T)[0].clip(max=FAR).reshape(field.shape)
+    wanted = gaussian_filter(np.where(field.numpy() < 0, -every, every), BLUR)
+    found = redistanced(DistanceGrid(field, low, 2 / (side - 1))).values.numpy() * (side - 1) / 2
+    np.testing.assert_allclose(found, wanted, atol=1e-5)

@@ -267,3 +267,22 @@ def test_other_cameras_are_refused_and_an_axis_may_be_given():
     assert given.rounds[0].axis == (0.0, 0.0, 1.0)
     with pytest.raises(InputError, match="expected a direction"):
         turning_light(views, CaptureSettings(light="turntable", turntable_axis=(0.0, 0.0, 0.0)), lambda line: None)
+
+
+@pytest.mark.parametrize("how", ["given", "portrait", "far away"])
+def test_half_a_turn_that_looks_past_the_axis_is_as_turned_as_it_is(how):
+    """With the axis given; with a camera that was held upright, whose pixels are stored on their side; and far from the origin."""
+    settings = CaptureSettings(light="turntable", turntable_axis=[0, 0, 1] if how == "given" else "auto")
+    steps = np.linspace(0, math.pi, 12)
+    views = []
+    for number, angle in enumerate(steps):
+        pose = camera_at((3.0, 0.0, 1.0), pixels=20).to_world.copy()
+        pose[:3, 3] += 0.3 * pose[:3, 0]  # to the right of what it looks at
+        if how == "portrait":
+            pose[:3, :2] = np.stack([pose[:3, 1], -pose[:3, 0]], 1)
+        pose[:3] = rotation_about(np.array([0.0, 0, 1]), angle) @ pose[:3]
+        pose[2, 3] += 200.0 * (how == "far away")
+        camera = replace(camera_at((3.0, 0.0, 1.0), pixels=20), to_world=pose)
+        views.append(View(f"v{number}", camera, np.ones((20, 20, 3), np.float32), np.ones((20, 20), np.float32)))
+    found = turning_light(views, settings, lambda line: None).rotations(np.stack([view.camera.to_world for view in views]))
+    np.testing.assert_allclose(found, Rotation.from_rotvec(-steps[:, None] * [0, 0, 1]).as_matrix(), atol=1e-4)

@@ -1,5 +1,9 @@
 """Means and intervals against scipy's tests, and what failures, missing scenes and ties do to a table."""
 
+import csv
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 import scipy.stats
@@ -8,7 +12,8 @@ from scored_runs import scored
 from ia_bench.report.blocks import Block, block
 from ia_bench.report.collect import Record, as_table
 from ia_bench.report.statistics import Estimate, Paired, Verdict, holm, judge, over_scenes, paired, side_by_side
-from ia_bench.runs.table import Claim
+from ia_bench.report.write import write_report
+from ia_bench.runs.table import Claim, Row, Table
 from ia_bench.scores.metrics import METRICS
 
 RANDOM = np.random.default_rng(0)
@@ -224,3 +229,16 @@ def test_the_prediction_interval_is_students() -> None:
     width = scipy.stats.t.ppf(0.975, 2) * np.std(values, ddof=1) * (1 + 1 / 3) ** 0.5
     assert Paired({str(value): {0: value} for value in values}).new_scene == pytest.approx(width)
     assert Paired({"hat": {0: 1.0, 1: 2.0}}).new_scene is None, "one scene says nothing of others"
+
+
+def test_a_mean_over_fewer_scenes_has_no_p_value(tmp_path: Path, write_run: Callable[..., Path]) -> None:
+    """The p-value of one scene is over its seeds, and says nothing of scenes."""
+    folders = [write_run("none", scene, seed, psnr=20.0 + seed) for scene in ("hat", "ship") for seed in range(3)]
+    folders += [write_run("ours", "hat", seed, psnr=21.0 + 1.1 * seed) for seed in range(3)]
+    write_report(
+        folders, tmp_path, Table(rows=[Row("ours", [])], reference="none", claims=[Claim("ours", "none", ["albedo.psnr"])])
+    )
+    for name in ("claims.csv", "differences.csv"):
+        lines = [one for one in csv.DictReader((tmp_path / name).open()) if one["metric"] == "albedo.psnr"]
+        told = {one["scene"]: (one["p_value"] != "", one["scenes"]) for one in lines if one.get("row", "ours") == "ours"}
+        assert told == {"mean over scenes": (False, "1"), "hat": (True, "1")}, name

@@ -1,6 +1,5 @@
 """The whole report from run folders: every format, the paper's block, failures, foreign protocols, independence."""
 
-import csv
 import math
 import re
 from collections.abc import Callable
@@ -85,19 +84,6 @@ def test_a_mean_over_fewer_scenes_says_so_wherever_it_stands(tmp_path: Path, wri
     assert "| 50.0 (1/2) | 1024 MiB |" in text, "seconds"
     assert "| ours | Ours | 20.00 (1/2) / – (" in text, "beside the paper's"
     assert "With our small prior, on our own scenes, not with those of the paper: 0 reproduced" in text, "a row of the paper's"
-
-
-def test_a_mean_over_fewer_scenes_has_no_p_value(tmp_path: Path, write_run: Write) -> None:
-    """The p-value of one scene is over its seeds, and says nothing of scenes."""
-    folders = [write_run("none", scene, seed, psnr=20.0 + seed) for scene in ("hat", "ship") for seed in range(3)]
-    folders += [write_run("ours", "hat", seed, psnr=21.0 + 1.1 * seed) for seed in range(3)]
-    write_report(
-        folders, tmp_path, Table(rows=[Row("ours", [])], reference="none", claims=[Claim("ours", "none", ["albedo.psnr"])])
-    )
-    for name in ("claims.csv", "differences.csv"):
-        lines = [one for one in csv.DictReader((tmp_path / name).open()) if one["metric"] == "albedo.psnr"]
-        told = {one["scene"]: (one["p_value"] != "", one["scenes"]) for one in lines if one.get("row", "ours") == "ours"}
-        assert told == {"mean over scenes": (False, "1"), "hat": (True, "1")}, name
 
 
 def test_a_row_that_the_paper_has_not_is_named(tmp_path: Path, write_run: Callable[..., Path]) -> None:

@@ -165,3 +165,13 @@ def test_a_deep_image_is_refused(tmp_path: Path) -> None:
     OpenEXR.File(header, {name: pixels.copy() for name in "RGB"}).write(str(tmp_path / "deep.exr"))
     with pytest.raises(InputError, match=r"deep\.exr: expected one value in a pixel, found several"):
         read_exr(tmp_path / "deep.exr", 3)
+
+
+def test_radiance_is_divided_by_all_exposures_of_its_header(tmp_path: Path) -> None:
+    path, pixel = tmp_path / "it.hdr", b"-Y 1 +X 1\n" + bytes([128, 64, 32, 129])
+    path.write_bytes(HEAD.replace(b"FORMAT", b"EXPOSURE=4.0\nEXPOSURE= 0.5\nFORMAT") + pixel)
+    np.testing.assert_array_equal(read_rgbe(path), [[[0.5, 0.25, 0.125]]])
+    for wrong in (b"bright", b"0", b"nan"):
+        path.write_bytes(HEAD.replace(b"FORMAT", b"EXPOSURE=" + wrong + b"\nFORMAT") + pixel)
+        with pytest.raises(InputError, match=f"EXPOSURE: expected a number above 0, found {wrong.decode()}"):
+            read_rgbe(path)
