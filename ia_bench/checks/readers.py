@@ -112,7 +112,8 @@ def _agreement(scene: Scene) -> Iterator[Finding]:
 def write_sheet(scene: Scene, path: Path) -> Iterator[Finding]:
     """Write some photographs, held-out ones last, with the mesh's outline in red: on the object's edge where all is well."""
     held_out = scene.test or scene.novel
-    views = [*scene.train[:: max(1, len(scene.train) // SHOWN)][:SHOWN], *held_out[:: max(1, len(held_out) // ROW)][:ROW]]
+    shown = (scene.train, min(SHOWN, len(scene.train))), (held_out, min(ROW, len(held_out)))
+    views = [some[place * len(some) // count] for some, count in shown for place in range(count)]
     gain = exposure([view.image for view in views], [view.mask for view in views])
     rays = None if scene.mesh is None else make_rays(scene.mesh, torch.device("cpu"))
     cells: list[tuple[str, Image.Image]] = []

@@ -44,6 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     cells: dict[Path, CellKey | None] = {}
     notes: dict[str, dict[str, None]] = {}  # of a row, what each of its packs says, once
     labels: dict[str, str] = {}  # "row (authors)" -> that with its mark
+    taken = set[tuple[str, str, str, int]]()  # authors, row, scene and seed of what is shown
     left_out = 0
     for path in packs:
         if (digest := digest_of(path)) is None:
@@ -57,13 +58,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 check_reader(place / run.folder)
                 if said := problems(run, place):
                     raise InputError(f"{path}: {run.folder}: {'; '.join(said)}")
+            records = {run.folder: RunRecord.read(place / run.folder) for run in manifest.runs}
+            brought = [(manifest.authors, record.row, record.scene, record.seed) for record in records.values()]
+            for number, (authors, *cell) in enumerate(brought):
+                if brought[number] in {*taken, *brought[:number]}:
+                    raise InputError(f"{path}: expected one run of {', '.join(map(str, cell))} by {authors}, found another")
+            taken |= {*brought}
         except InputError as error:  # of this pack; the others are shown
             complain(f"{error}; the pack is left out")
             shutil.rmtree(place, ignore_errors=True)
             left_out += 1
             continue
         states = None if verified is None else verified.get(digest, {})
-        records = {run.folder: RunRecord.read(place / run.folder) for run in manifest.runs}
         for row in dict.fromkeys(record.row for record in records.values()):
             runs = {folder: record for folder, record in records.items() if record.row == row}
             mark, said = "", ["brought by " + " ".join(filter(None, (manifest.authors, manifest.url)))]

@@ -80,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             found = relighting.of_asset(wanted.what, device, progress.note, wanted.up)
         views = wanted.views or (f"test/{scene.test[0].name}" if scene is not None and scene.test else relighting.STILL)
         frames = relighting.frames_of(views, turn, found.assets().mesh, scene, wanted.size)
-        relighting.expect_format(wanted.out, background, len(frames))
+        relighting.expect_format(wanted.out, background, frames, len(lights))
         task = progress.task("pictures", len(frames) * len(lights))
         quality = Quality(points=3, samples=wanted.samples)
         drawn = [

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from ia_bench.common.errors import InputError, listed, unknown
+from ia_bench.common.errors import InputError, listed, printable, unknown
 from ia_bench.common.exit_codes import OK, complain, exits, say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
@@ -111,7 +111,7 @@ def finish(report: Report, out: Path, name: str) -> Path:
         *(f"[^{number}]: {reason}" for reason, number in findings.footnotes.items() if number in marked),
         *(f"Left out, for no run has it: {line}." for line in left_out(findings.overall)),
         *([findings.timing.told, pipe_table(findings.timed)] if findings.timing and findings.timed else []),
-        *(f"{row.name}: {row.note}" for row in findings.table.crossed_rows if row.note),
+        *(f"{row.name}: {printable(row.note)}" for row in findings.table.crossed_rows if row.note),
         "",
         *map(str, report.files),
         f"{page} opens in a browser",

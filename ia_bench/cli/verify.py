@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ia_bench.common.arguments import at_least, number_of
 from ia_bench.common.atomic_file import whole_file
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, printable
 from ia_bench.common.exit_codes import FAULT, OK, complain, exits, say
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import cores, settle_libraries
@@ -109,7 +109,7 @@ def _score_again(wanted: argparse.Namespace, packs: Sequence[Path]) -> int:
             continue
         for one in verdicts:
             states[one.folder] = one.state
-            say("; ".join([f"{path}: {one.name}: {one.state}", *one.says]), sys.stdout)
+            say(printable("; ".join([f"{path}: {one.name}: {one.state}", *one.says])), sys.stdout)
         runs += sum(one.state == "verified" for one in verdicts)
         agreed &= all(one.state == "verified" for one in verdicts)
     tolerated = ", ".join(f"{name} {value:g}" for name, value in {**TOLERANCE, "others": OTHER}.items())

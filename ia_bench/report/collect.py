@@ -157,7 +157,7 @@ def read_run(folder: Path) -> Record:
         "setup": setup,
         **{name: getattr(record, name) for name in OF_RECORD},
         "config_hash": record.config_hash[:HASH_DIGITS],
-        "commit": environment.get("commit"),
+        "commit": made if isinstance(made := environment.get("commit"), str) else None,
         "clean": record.clean,
         "cpu": cpu if isinstance(cpu := environment.get("cpu"), str) else None,
     }

@@ -303,6 +303,8 @@ def _stands(cell: ListedCell, started: float) -> CellStatus:
                 said = "".join(PROGRESS.findall(file.read().decode(errors="replace"))[-1:]).strip()
         return CellStatus(cell, RUNNING, max(0.0, time.time() - began), said)
     record = _record(cell.folder, written)
+    if isinstance(record, str):
+        return CellStatus(cell, FAILED, says=record, written=written)
     if record is not None and record.config_hash == cell.config_hash:
         if record.status == "ok":
             return CellStatus(cell, FINISHED, record.time_s.get("total"), written=written)
@@ -312,9 +314,9 @@ def _stands(cell: ListedCell, started: float) -> CellStatus:
 
 
 @lru_cache(maxsize=100_000)  # every few seconds all of them are looked at, and few have been written since
-def _record(folder: Path, written: int) -> RunRecord | None:
-    """What a run has recorded; None where it has not, or what lies there is no record."""
+def _record(folder: Path, written: int) -> RunRecord | str | None:
+    """What a run has recorded; why it cannot be read; None where there is none yet."""
     try:
         return RunRecord.read(folder) if written else None
-    except InputError:
-        return None
+    except InputError as error:
+        return str(error)

@@ -16,7 +16,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field
+from pydantic_core import PydanticCustomError
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import Fault, InputError
@@ -40,6 +41,16 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """What the disk says that is written to, and the pack is not to blame for."""
 
 
+def _within(name: str) -> str:
+    """A name that leads to nothing outside of the folder that a pack is unpacked into."""
+    if not name or name.startswith("/") or "\\" in name or ".." in name.split("/"):
+        raise PydanticCustomError("place", "a path in the pack")
+    return name
+
+
+Within = Annotated[str, AfterValidator(_within)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class PackedRun:
     """One run of a pack; its labels are in its record.
@@ -51,8 +62,8 @@ class PackedRun:
 
     __pydantic_config__ = ConfigDict(extra="ignore")  # packs of before repeat labels here
 
-    folder: str
-    files: dict[str, str]
+    folder: Within
+    files: dict[Within, str]
 
 
 @dataclass(frozen=True, kw_only=True)

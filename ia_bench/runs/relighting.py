@@ -148,19 +148,12 @@ def draw(
 def write_animation(path: Path, pictures: Sequence[np.ndarray], *, seconds: float) -> None:
     """Write pictures (H, W, 4) in [0, 1]: an animation of ``seconds``, or below each other where the format shows stills alone.
 
-    Raises InputError for pictures that are too large together or differ in size, Fault where no program writes .mp4.
+    Raises Fault where no program writes .mp4.
     """
     if path.suffix not in MOVING:
         widest = max(picture.shape[1] for picture in pictures)
         padded = [np.pad(picture, ((0, 0), (0, widest - picture.shape[1]), (0, 0))) for picture in pictures]
         pictures = [np.concatenate(padded)]
-    height, width = pictures[0].shape[:2]
-    if max(height, width) > WIDEST:
-        raise InputError(
-            f"{path}: expected at most {WIDEST} pixels along a side, found {width} x {height}; --size makes it smaller"
-        )
-    if any(picture.shape != pictures[0].shape for picture in pictures):
-        raise InputError(f"{path}: expected pictures of one size, found several; .png takes them")
     bytes_ = [np.round(255 * picture).astype(np.uint8) for picture in pictures]
     if path.suffix == ".mp4":
         _encode(path, bytes_, len(bytes_) / seconds)
@@ -172,8 +165,8 @@ def write_animation(path: Path, pictures: Sequence[np.ndarray], *, seconds: floa
         images[0].save(partial, quality=90, **(more if len(images) > 1 else {}))
 
 
-def expect_format(path: Path, background: Background, count: int) -> None:
-    """Raise InputError, before anything is drawn, for a file that cannot hold the pictures."""
+def expect_format(path: Path, background: Background, frames: Sequence[RelitView], lights: int) -> None:
+    """Raise InputError, before anything is drawn, for a file that cannot hold the pictures of ``frames`` under so many lights."""
     if path.suffix not in (".png", *MOVING):
         raise InputError(f"--out: expected a name that ends with .png, {', '.join(MOVING)}, found {path}")
     if path.suffix in (".gif", ".mp4") and background == "transparent":
@@ -182,7 +175,16 @@ def expect_format(path: Path, background: Background, count: int) -> None:
         raise InputError(
             f"--out: expected {ENCODER} on the PATH, which writes .mp4, found none; .webp and .gif need no other program"
         )
-    if path.suffix == ".mp4" and count < 2:
+    sizes = {(frame.camera.height, frame.camera.width) for frame in frames}
+    if path.suffix in MOVING and len(sizes) > 1:
+        raise InputError(f"{path}: expected pictures of one size, found several; .png takes them")
+    below = max if path.suffix in MOVING else sum
+    height, width = below(frame.camera.height for frame in frames), lights * max(width for _, width in sizes)
+    if max(height, width) > WIDEST:
+        raise InputError(
+            f"{path}: expected at most {WIDEST} pixels along a side, found {width} x {height}; --size makes it smaller"
+        )
+    if path.suffix == ".mp4" and len(frames) < 2:
         raise InputError("--out: expected several pictures for .mp4, as --turn 36 makes, found one")
 
 

@@ -12,7 +12,7 @@ from ia_bench.common.exit_codes import INTERRUPTED, OK, TERMINATED
 from ia_bench.common.machine import commit
 from ia_bench.common.progress import Progress
 from ia_bench.runs.cells import Cell
-from ia_bench.runs.folder import RunFolder, recorded_at
+from ia_bench.runs.folder import RunFolder, held_since, recorded_at
 from ia_bench.runs.identity import labels, setup
 from ia_bench.runs.interruption import GRACE_SECONDS
 from ia_bench.runs.launchers import ARRAY, Job, Local, WorkerDied
@@ -55,7 +55,8 @@ def run_cells(cells: Sequence[Cell], launcher: Local, jobs: int, progress: Progr
     task = progress.task("table", total=len(cells), done=len(cells) - len(waiting), unit="cell")
     before = {cell.folder: recorded_at(cell.folder) for cell in waiting}
     for cell in waiting:
-        cell.log.unlink(missing_ok=True)
+        if held_since(cell.folder) is None:  # by another table, whose run writes there
+            cell.log.unlink(missing_ok=True)
     attempts: Counter[Path] = Counter()
     running: dict[Job, Cell] = {}
     with launcher.opened(logs) as start:

@@ -120,6 +120,9 @@ def _inconsistent(run: Recovered) -> list[str]:
         hashes["protocol_hash"] = protocol_hash(identity)
     wrong = [name for name, hash_ in hashes.items() if getattr(record, name) != hash_]
     said = [f"{METRICS_FILE}: {name} is not that of the configuration" for name in wrong]
+    for name, told_of, is_of in (("scene", record.scene, run.config.scene.name), ("seed", record.seed, run.config.seed)):
+        if told_of != is_of:
+            said.append(f"{METRICS_FILE}: {name} is {told_of}, and {is_of} in the configuration")
     told, found = map(flat, (record.protocol_description, run.config.protocol.describe()))
     if told | {WEIGHTS: None} != found | {WEIGHTS: None}:
         said.append(f"{METRICS_FILE}: protocol_description is not what this version computes for {record.protocol}")

@@ -3,13 +3,14 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from ia_bench.checks.finding import difference
-from ia_bench.checks.readers import check_reader
+from ia_bench.checks.readers import check_reader, write_sheet
 from ia_bench.cli.check import main
 from ia_bench.common.errors import InputError
 from ia_bench.readers.contract import check_scene, unscored
@@ -195,3 +196,17 @@ def test_what_was_found_and_a_picture_of_it(tiny: Scene, tmp_path: Path) -> None
     assert found["truth of test views"].status == "skip"
     there = check_reader(lambda: Reading(tiny), tmp_path)  # type: ignore[arg-type,return-value]
     assert [finding.what for finding in there if finding.status == "fail"] == ["contact sheet"]
+
+
+def test_the_sheet_shows_the_whole_capture(tiny: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 31 views the last one, or nearly so: a capture goes around the object."""
+    shown: list[str] = []
+
+    def labelled(rows: Any, width: int) -> Image.Image:
+        shown.extend(name for row in rows for name, _ in row)
+        return Image.new("RGB", (8, 8))
+
+    monkeypatch.setattr("ia_bench.checks.readers.labelled", labelled)
+    views = tuple(replace(tiny.train[number % len(tiny.train)], name=f"v{number:02}") for number in range(31))
+    assert [one.status for one in write_sheet(replace(tiny, train=views), tmp_path / "sheet.png")] == ["pass"]
+    assert shown[:16] == [f"v{31 * number // 16:02}" for number in range(16)]

@@ -14,6 +14,7 @@ import pytest
 from coarse import COARSE
 
 from ia_bench.cli.main import main
+from ia_bench.common.errors import InputError
 from ia_bench.common.paths import scenes_folders
 from ia_bench.runs import packs
 
@@ -184,17 +185,50 @@ def test_what_leads_out_of_a_pack_or_is_too_large_is_refused(
     assert not (tmp_path / "evil.txt").exists()
 
 
-def test_a_manifest_that_lists_what_leads_out_of_the_pack_writes_nothing_there(pack: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("folder", ["../..", "/tmp", "runs/../../victim", ""])
+def test_a_manifest_that_leads_out_of_the_pack_is_refused(pack: Path, tmp_path: Path, folder: str) -> None:
+    """Nothing is written there, and nothing that lies there is taken for a file of the pack."""
     files = files_of(pack)
     manifest = json.loads(files["manifest.json"])
-    manifest["runs"].append({"folder": "../..", "files": {"evil.txt": "0"}})
-    files |= {"manifest.json": json.dumps(manifest).encode(), "../../evil.txt": b"of somebody else"}
+    manifest["runs"].append({"folder": folder, "files": {"evil.txt": "0"}})
+    files |= {"manifest.json": json.dumps(manifest).encode(), f"{folder}/evil.txt": b"of somebody else"}
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
         for name, content in files.items():
             archive.writestr(name, content)
-    packs.unpack(tmp_path / "a.zip", tmp_path / "deep" / "down")
-    assert not list(tmp_path.glob("**/evil.txt"))[1:]
-    assert (tmp_path / "deep" / "down" / "evil.txt").is_file()
+    with pytest.raises(InputError, match=r"runs\.1\.folder: expected a path in the pack"):
+        packs.unpack(tmp_path / "a.zip", tmp_path / "deep" / "down")
+    assert not list(tmp_path.glob("**/evil.txt"))
+
+
+@pytest.mark.parametrize("label", ["scene", "seed"])
+def test_a_run_that_was_made_of_another_cell_than_it_says_is_found(
+    pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], label: str
+) -> None:
+    other = {"scene": "hat", "seed": 7}[label]
+    path = spoiled(pack, tmp_path / "a.zip", changed("metrics.json", lambda record: record.update({label: other})), hashed=True)
+    assert main(["verify", path]) == 1
+    assert f"metrics.json: {label} is {other}, and " in capsys.readouterr().out
+
+
+def test_one_odd_pack_does_not_spoil_the_board(pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same run once more, a commit that is none, and a note that would move the terminal's cursor."""
+    shutil.copyfile(pack, tmp_path / "again.zip")
+
+    def odd(record: dict[str, Any]) -> None:
+        record["seed"], record["environment"]["commit"] = 3, ["a", "b"]
+
+    listed = spoiled(pack, tmp_path / "listed.zip", changed("metrics.json", odd), hashed=True)
+    files = files_of(Path(listed))
+    manifest = json.loads(files["manifest.json"]) | {"note": "fine\x1b[2J\nia_bench: all packs verified"}
+    with zipfile.ZipFile(listed, "w") as archive:
+        for name, content in (files | {"manifest.json": json.dumps(manifest).encode()}).items():
+            archive.writestr(name, content)
+    assert main(["board", str(pack), str(tmp_path / "again.zip"), listed, "--out", str(tmp_path / "board")]) == 1
+    told = capsys.readouterr()
+    assert "expected one run of none, tiny, 0 by A. Author, found another; the pack is left out" in told.err
+    assert "\x1b" not in told.out
+    assert "ia_bench: all packs verified" not in told.out.splitlines()
+    assert (tmp_path / "board" / "page" / "index.html").is_file()
 
 
 def test_a_board_tells_who_brought_a_row_and_if_it_is_verified(

@@ -115,6 +115,14 @@ def test_mp4_is_written_by_an_encoder_where_there_is_one(
     assert "ffmpeg ended with status 3: no such codec" in capsys.readouterr().err
 
 
+def test_a_file_that_cannot_hold_the_pictures_is_refused_before_they_are_drawn(
+    ceiling: Path, light: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("ia_bench.runs.relighting.draw", lambda *_, **__: pytest.fail("it was drawn"))
+    assert relit(ceiling, light, tmp_path / "a.png", "--turn", "400") == 2
+    assert "expected at most 16383 pixels along a side, found 48 x 19200" in capsys.readouterr().err
+
+
 def test_bad_input_is_one_sentence(ceiling: Path, light: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     negative, broken = side(), side().astype(np.float16)
     negative[3, 3] = -1

@@ -39,7 +39,8 @@ def plan(results: Path, *rows: tuple[str, int], jobs: int | None = 2) -> None:
 def test_every_state_is_told_from_what_lies_in_the_folders(tmp_path: Path) -> None:
     before = cell(tmp_path, "failed before", status="failed", error="of last week")
     os.utime(before / "metrics.json", (1, 1))
-    plan(tmp_path, *((row, 0) for row in ("done", "other", "failed", "failed before", "begun", "running", "absent")))
+    plan(tmp_path, *((row, 0) for row in ("done", "other", "failed", "failed before", "begun", "running", "absent", "torn")))
+    (cell(tmp_path, "torn") / "metrics.json").write_text("{")
     cell(tmp_path, "done", status="ok", time_s={"total": 60.0})
     cell(tmp_path, "other", status="ok", config_hash="1" * 64)
     cell(tmp_path, "failed", status="failed", error="boom")
@@ -50,7 +51,13 @@ def test_every_state_is_told_from_what_lies_in_the_folders(tmp_path: Path) -> No
     with lock_folder(running, print):
         found = {one.cell.row: one for one in look(tmp_path).cells}
     waiting = dict.fromkeys(("other", "failed before", "begun", "absent"), WAITING)
-    assert {row: one.state for row, one in found.items()} == {"done": FINISHED, "failed": FAILED, "running": RUNNING} | waiting
+    assert {row: one.state for row, one in found.items()} == {
+        "done": FINISHED,
+        "failed": FAILED,
+        "running": RUNNING,
+        "torn": FAILED,
+    } | waiting
+    assert "torn-seed0-00000000/metrics.json" in found["torn"].says
     assert found["done"].seconds == 60
     assert found["failed"].says == "boom"
     assert found["running"].says == "fit: 4/9, loss 2, 3 s left"

@@ -13,11 +13,12 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 from PIL import Image
+from pydantic import Field
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import compact_json
@@ -134,13 +135,16 @@ def script(name: str, content: dict[str, Any]) -> bytes:
 # ---- pictures.zip ----
 
 
+SomeViews = Annotated[int, Field(ge=0, le=10_000)]  # of a bundle that may be somebody else's
+
+
 @dataclass(frozen=True)
 class ShownViews:
     """How many views are shown of each kind, ``relit`` by light; ``fitted``: their names, if none of them was held out."""
 
-    test: int
-    view: int
-    relit: dict[str, int]
+    test: SomeViews
+    view: SomeViews
+    relit: dict[str, SomeViews]
     fitted: list[str] = field(default_factory=list)
 
 

@@ -54,7 +54,7 @@
       run.files ? folded("Checksums of its files (SHA-256, first 12 digits)", list(run.files)) : null);
   };
 
-  bench.kindOf = (key) => ({ albedo: "albedo", aligned_albedo: "aligned", view_synthesis: "view", roughness: "roughness" })[key.split(".")[0]] || "relit";
+  bench.kindOf = (key) => ({ albedo: "albedo", aligned_albedo: "aligned", view_synthesis: "view", roughness: "roughness", light: "light", log_light: "light" })[key.split(".")[0]] || "relit";
 
   // Seeds as dots on a line, so that their spread is seen before it is read.
   const strip = (runs, key) => {
