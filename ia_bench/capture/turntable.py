@@ -127,9 +127,8 @@ def fitted_rounds(poses: np.ndarray) -> list[Circles]:
     what is left goes on to the next axis. One axis for all comes back, however far off they are, where others do no better.
     """
     whole = fitted_circles(poses)
-    if (
-        whole.residual <= OFF and (_up(poses, whole.axis) @ whole.axis > 0).all()
-    ):  # an object that was turned over has the axis reversed
+    upright = (_up(poses, whole.axis) @ whole.axis > 0).all()  # or else an object was turned over, which reverses the axis
+    if whole.residual <= OFF and upright:
         return [whole]
     rest, found = np.arange(len(poses)), []
     while len(rest) >= ENOUGH:
