@@ -84,7 +84,7 @@ class IntrinsicAnythingPrior:
     @property
     def fingerprint(self) -> str:
         """What decides the samples: this code's version, the options, the hashes of the checkpoints, the precision."""
-        options = (self.steps, self.eta, self.guidance_strength, self._side, self._device.type, self.batch)
+        options = (self.steps, self.eta, self.guidance_strength, self._side, self._device.type)
         return json.dumps([type(self).__qualname__, VERSION, options, self._records], sort_keys=True)
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:

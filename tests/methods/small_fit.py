@@ -35,7 +35,7 @@ RENDER = RenderSettings(
     samples=16, subsamples=2, texture=64, light_height=16, shadows="traced", bounces=0, coat="added", metallic=False
 )
 TEXELS_ALONE = MultigridRates(albedo=0.0, roughness=0.0, metallic=0.0, light=0.0)
-SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=256)
+SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=256, solve_albedo=False)  # which has tests of its own
 
 
 def make_problem(scene: Scene) -> Problem:

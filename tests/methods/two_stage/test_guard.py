@@ -18,7 +18,7 @@ from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
 from ia_bench.priors.contract import NoPrior
 from ia_bench.render.renderer import PixelRadiance, Renderer
 
-SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=64)
+SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=64, solve_albedo=False)
 ENTRY = 5  # of the batch, the one that is spoiled
 
 
