@@ -14,6 +14,7 @@ from scipy.ndimage import binary_erosion
 from ia_bench.checks.finding import Finding, difference, guarded, judge, told
 from ia_bench.checks.views import check_views
 from ia_bench.common.atomic_file import whole_file
+from ia_bench.readers.base import spread
 from ia_bench.readers.contract import TRUTH_OF_VIEWS, SceneReader, check_scene, unscored
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.render.gbuffer import trace_gbuffer
@@ -112,8 +113,7 @@ def _agreement(scene: Scene) -> Iterator[Finding]:
 def write_sheet(scene: Scene, path: Path) -> Iterator[Finding]:
     """Write some photographs, held-out ones last, with the mesh's outline in red: on the object's edge where all is well."""
     held_out = scene.test or scene.novel
-    shown = (scene.train, min(SHOWN, len(scene.train))), (held_out, min(ROW, len(held_out)))
-    views = [some[place * len(some) // count] for some, count in shown for place in range(count)]
+    views = [*spread(scene.train, SHOWN), *spread(held_out, ROW)]
     gain = exposure([view.image for view in views], [view.mask for view in views])
     rays = None if scene.mesh is None else make_rays(scene.mesh, torch.device("cpu"))
     cells: list[tuple[str, Image.Image]] = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shutil
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -60,8 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     raise InputError(f"{path}: {run.folder}: {'; '.join(said)}")
             records = {run.folder: RunRecord.read(place / run.folder) for run in manifest.runs}
             brought = [(manifest.authors, record.row, record.scene, record.seed) for record in records.values()]
-            for number, (authors, *cell) in enumerate(brought):
-                if brought[number] in {*taken, *brought[:number]}:
+            for (authors, *cell), count in Counter(brought).items():
+                if count > 1 or (authors, *cell) in taken:
                     raise InputError(f"{path}: expected one run of {', '.join(map(str, cell))} by {authors}, found another")
             taken |= {*brought}
         except InputError as error:  # of this pack; the others are shown

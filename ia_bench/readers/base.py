@@ -25,6 +25,12 @@ DATA = (*SUFFIXES, ".hdr", ".json", ".txt", ".npy", ".npz", ".bin", ".ply", ".ob
 """Suffixes, in lower case, of the files that readers open."""
 
 
+def spread(items: Sequence[T], most: int) -> list[T]:
+    """So many of the items, spread evenly over all of them; all where there are no more."""
+    count = min(most, len(items))
+    return [items[place * len(items) // count] for place in range(count)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class FolderReader:
     """A reader of the folder ``path``. A format is a subclass: its own options are fields, and ``read`` returns a Scene.
@@ -77,8 +83,7 @@ class FolderReader:
     # ---------------------------------------------------------------- which views
     def kept(self, items: Sequence[T]) -> list[T]:
         """Those of the held-out cameras that are kept, spread evenly."""
-        count = min(self.held_out or len(items), len(items))
-        return [items[place * len(items) // count] for place in range(count)]
+        return spread(items, self.held_out or len(items))
 
     def with_true_albedo(self, items: Sequence[T], *files: Callable[[T], Path]) -> list[T]:
         """The held-out cameras for which one of these ``files`` of true albedo is there, or all cameras if it is for none."""
