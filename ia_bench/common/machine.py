@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import platform
 import subprocess
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -86,6 +88,12 @@ def expect_memory(setting: str, needed: float, device: str = "cpu") -> None:
     if needed > free:
         room = f"the {free / 1e9:.1f} GB of memory that are free{' on the GPU' if device == 'cuda' else ''}"
         raise InputError(f"{setting}: expected to fit into {room}, found a need for {needed / 1e9:.3g} GB")
+
+
+def return_memory() -> None:
+    """Give what this process has freed back to the system, which the C library of Linux keeps in between what is in use."""
+    with suppress(OSError, AttributeError):  # of another library, which has no such function
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def commit() -> str | None:

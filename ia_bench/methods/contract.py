@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -11,6 +12,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.exit_codes import log
+from ia_bench.common.machine import return_memory
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.info import HeldOut, MethodInfo
@@ -84,7 +86,16 @@ class Problem:
     def gbuffer(self) -> GBuffer:
         """What the training cameras see, with as many points a pixel as the plan says."""
         with self.costs.exclude("bake"):
-            return self.stage.gbuffer([view.camera for view in self.scene.train], self.plan.subsamples)
+            found = self.stage.gbuffer([view.camera for view in self.scene.train], self.plan.subsamples)
+            return_memory()  # as much as it takes itself, of its parts
+            return found
+
+    def forget_pixels(self) -> None:
+        """Drop what is known of every pixel, gigabytes of large photographs; it is found again where somebody asks."""
+        for name in ("gbuffer", "photographs"):
+            vars(self).pop(name, None)
+        gc.collect()  # a fit that is over has them, too, and holds itself
+        return_memory()
 
     @cached_property
     def photographs(self) -> Photographs:

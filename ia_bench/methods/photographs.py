@@ -87,13 +87,12 @@ def stacked(views: Sequence[View], name: str) -> Tensor:
 def in_pixels(views: Sequence[View], name: str, gbuffer: GBuffer) -> Tensor:
     """What views have by a ``name`` in the pixels of their ``gbuffer``, (P, C), on its device; one whole view at a time is held."""
     size, device = math.prod(gbuffer.shape[1:]), gbuffer.pixel.device
-    ends = torch.searchsorted(gbuffer.pixel, size * torch.arange(1, len(views), device=device))
-    places = gbuffer.pixel.tensor_split(ends.tolist())  # one that is of another view lies outside, which index_select refuses
-    parts = [
-        stacked([view], name).to(device).reshape(size, -1).index_select(0, pixel - number * size)
-        for number, (view, pixel) in enumerate(zip(views, places, strict=True))
-    ]
-    return torch.cat(parts)
+    first = stacked(views[:1], name)
+    found = torch.empty(len(gbuffer.pixel), math.prod(first.shape[3:]), dtype=first.dtype, device=device)
+    for number, (view, entries) in enumerate(zip(views, gbuffer.entries_by_view(), strict=True)):
+        values = stacked([view], name).to(device).reshape(size, -1)
+        found[entries] = values.index_select(0, gbuffer.pixel[entries] - number * size)  # refuses what lies in another view
+    return found
 
 
 def one_sided(target: Tensor, rendered: Tensor, known: Tensor) -> Tensor:

@@ -61,7 +61,8 @@ class NativeReader:
         notes: tuple[str, ...] = (f"no {MESH} in the scene's folder",)
         if os.path.lexists(folder / MESH):  # a link that leads nowhere is a mistake, not a scene without a mesh
             mesh, notes = load_mesh(path := file_below(folder, MESH, str(folder)), uv=self._uv)
-        views = {split: self._views(split, truth) for split in SPLITS}
+        rung = Counter[str]()
+        views = {split: self._views(split, truth, rung) for split in SPLITS}
         if not views["train"]:
             raise InputError(f"{folder / 'transforms_train.json'}: a scene needs at least one training view")
         for split, count in description.get("splits", {}).items():
@@ -69,8 +70,6 @@ class NativeReader:
             cameras = len({view.camera.to_world.tobytes() for view in frames})  # each may see the object under several lights
             if count not in (len(frames), cameras):
                 raise InputError(f"{folder / DESCRIPTION}: splits: expected {count!r} {split} views, found {len(frames)}")
-        rung = Counter[str]()
-        views = {split: tuple(_without_ringing(view, rung) for view in found) for split, found in views.items()}
         notes += tuple(f"{RINGING[name]}: {count} {RANG}" for name, count in sorted(rung.items()) if count)
         known = self._truth(description) if truth else None
         if known is not None and mesh is not None and self._uv == "xatlas" and description.get("truth_textures"):
@@ -91,10 +90,10 @@ class NativeReader:
             novel=views["novel"],
         )
 
-    def _views(self, split: str, truth: bool) -> tuple[View, ...]:
+    def _views(self, split: str, truth: bool, rung: Counter[str]) -> tuple[View, ...]:
         path = self._folder / f"transforms_{split}.json"
         frames = frames_of(path) if split == "train" else frames_if_there(path)
-        return tuple(self._view(where, frame, truth) for where, frame in frames)
+        return tuple(_without_ringing(self._view(where, frame, truth), rung) for where, frame in frames)
 
     def _view(self, where: str, frame: Mapping[str, Any], truth: bool) -> View:
         path = file_below(self._folder, frame.get("file_path"), f"{where}: file_path")
@@ -151,12 +150,11 @@ def _light(folder: Path, value: object, where: str) -> Path:
 
 
 def _without_ringing(view: View, rung: Counter[str]) -> View:
-    """The view without what lossy compression leaves below zero and beyond the object; ``rung`` counts the values."""
-    cleared: dict[str, Any] = {}
+    """The view, cleared in place of what lossy compression leaves below zero and beyond the object; ``rung`` counts the values."""
     for name in RINGING:
         radiance = getattr(view, name)
         if radiance is not None:
             wrong = (radiance < 0) | ((radiance != 0) & (view.mask == 0)[..., None])
             rung[name] += int(wrong.sum())
-            cleared[name] = np.where(wrong, 0, radiance)
-    return replace(view, **cleared)
+            radiance[wrong] = 0
+    return view

@@ -90,6 +90,11 @@ class GBuffer:
         """The camera centres from which the pixels of N entries are seen, (N, 3) in scene units."""
         return self.origin[self.view(entries)]
 
+    def entries_by_view(self) -> tuple[Tensor, ...]:
+        """The entries (N,) of each of the V views."""
+        ends = torch.searchsorted(self.pixel, math.prod(self.shape[1:]) * torch.arange(1, self.shape[0], device=self.pixel.device))
+        return torch.arange(len(self.pixel), device=self.pixel.device).tensor_split(ends.tolist())
+
     def entry_of_pixel(self) -> Tensor:
         """The entry of every pixel of the stacked views, (V H W,) int32, -1 where it misses the mesh: ``pixel`` inverted."""
         entry = torch.full((math.prod(self.shape),), -1, dtype=torch.int32, device=self.pixel.device)
@@ -163,7 +168,14 @@ def trace_gbuffer(cameras: list[Camera], rays: RayCaster, side: int, device: tor
             faces.append(face[seen].int())
             barycentrics.append(barycentric.reshape(-1, side * side, 2)[seen])
             pixels.append(torch.from_numpy(chosen).to(device)[seen] + view * height * width)
-    return GBuffer(torch.cat(faces), torch.cat(barycentrics), torch.cat(pixels), poses, (len(cameras), height, width))
+    return GBuffer(_joined(faces), _joined(barycentrics), _joined(pixels), poses, (len(cameras), height, width))
+
+
+def _joined(parts: list[Tensor]) -> Tensor:
+    """All of them one after the other, and none left in the list: of 100 large views they take gigabytes."""
+    joined = torch.cat(parts)
+    parts.clear()
+    return joined
 
 
 class SurfaceInterpolator:

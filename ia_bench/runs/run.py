@@ -15,7 +15,7 @@ import torch._dynamo  # as the first step of torch's optimisers does: before the
 from ia_bench.capture.capture import captured
 from ia_bench.capture.capture import record as capture_record
 from ia_bench.common.errors import InputError
-from ia_bench.common.machine import load
+from ia_bench.common.machine import load, return_memory
 from ia_bench.common.progress import Progress, ProgressBar
 from ia_bench.common.registry import create
 from ia_bench.methods.contract import Method, Monitor, Problem
@@ -56,6 +56,9 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
     method: Method = method_of(config)
 
     problem = problem_of(config, scene, method.info, note=progress.note, costs=costs)
+    if problem.truth is None and "truth" not in problem.prior.info.wants:  # that of training views is shown to them alone
+        scene = replace(scene, train=tuple(replace(view, specular=None) for view in scene.train))
+    return_memory()
 
     # ---- reconstruct -----------------------------------------------------------------------------------------
     scorer = Scorer(scene, config.protocol, problem.device)
@@ -64,6 +67,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
 
     # ---- score and save --------------------------------------------------------------------------------------
     counts, cpu_seconds, busy = costs.counts(), costs.cpu_seconds(), load()
+    problem.forget_pixels()
     record.score("final", result.steps, sum(result.seconds.values()), lambda: result.reconstruction)
     with costs.exclude("score"):
         scores = scorer.full(result.reconstruction, progress.task)

@@ -6,6 +6,7 @@ noise as one that was never stopped.
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import math
 import platform
@@ -20,7 +21,7 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.diffusion.network import MaterialNetwork, load_network
+from ia_bench.priors.diffusion.network import MaterialNetwork, answer_noise_as_without, load_network
 from ia_bench_training.dataset import Batch, TrainingImages, drawn_by
 from ia_bench_training.losses import log_error, weighted_error
 from ia_bench_training.optimiser import MuonAdamW, split_weights
@@ -106,9 +107,14 @@ class _Training:
         self._init: dict[str, Any] | None = None
         if settings.init is not None:
             start, self._init = load_network(settings.init)
-            if start.config != settings.network:
+            if dataclasses.replace(start.config, kind=settings.network.kind) != settings.network:
                 raise InputError(f"init: {settings.init}: expected a network of {settings.network}, found {start.config}")
-            self.network.load_state_dict(start.state_dict())
+            if start.config.kind == settings.network.kind:
+                self.network.load_state_dict(start.state_dict())
+            elif settings.network.kind == "diffusion":
+                answer_noise_as_without(self.network, start)
+            else:
+                raise InputError(f"init: {settings.init}: expected a regressor, found a diffusion network, whose inputs are more")
         self.schedule = None
         if settings.network.kind == "diffusion":
             self.schedule = settings.network.noise_schedule.alpha_bar.float().to(accelerator.device)

@@ -9,7 +9,7 @@ from ia_bench.material.warp_textures import bilinear_taps
 def differences(
     first: int,
     pixels: wp.array(dtype=wp.int64),
-    neighbours: wp.array2d(dtype=wp.int64),
+    neighbours: wp.array2d(dtype=int),
     similarities: wp.array2d(dtype=float),
     uvs: wp.array(dtype=wp.vec2),
     texture: wp.array(dtype=float),
@@ -27,7 +27,7 @@ def differences(
         similarity = price * similarities[here, pair]
         if similarity > 0.0:
             a = bilinear_taps(uvs[here], side, side)
-            b = bilinear_taps(uvs[int(neighbours[here, pair])], side, side)
+            b = bilinear_taps(uvs[neighbours[here, pair]], side, side)
             a_index = a.index * channels
             b_index = b.index * channels
             for c in range(channels):

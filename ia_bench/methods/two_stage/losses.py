@@ -155,7 +155,7 @@ def total_variation(log_radiance: Tensor) -> Tensor:
 class PixelPairs:
     """For each G-buffer pixel its right and its lower neighbour on the same piece of surface, found where UV seams do not exist.
 
-    ``index`` (P, 2) int64 G-buffer entries, a pixel's own entry where it has no such neighbour; ``similarity`` (P, 2) in
+    ``index`` (P, 2) int32 G-buffer entries, a pixel's own entry where it has no such neighbour; ``similarity`` (P, 2) in
     [0, 1], near 1 where both pixels have the same log radiance, 0 for no neighbour; ``uv`` (P, 2) of each pixel's first hit.
     """
 
@@ -173,30 +173,38 @@ def neighbouring_pixels(problem: Problem, images: Tensor, scale: float) -> Pixel
     """
     gbuffer, surface = problem.gbuffer, problem.renderer.surface
     _, height, width = gbuffer.shape
-    rows = torch.arange(len(gbuffer.pixel), device=gbuffer.pixel.device)
-    position, normal, uv = (torch.empty(len(rows), channels, device=rows.device) for channels in (3, 3, 2))
-    index, similarity = rows.new_empty(len(rows), 2), position.new_empty(len(rows), 2)
-    for some, *kept in zip(*(each.split(PIXELS_AT_ONCE) for each in (rows, position, normal, uv)), strict=True):
-        first = (gbuffer.face[some] >= 0).int().argmax(1)
-        points = surface(gbuffer.face[some, first].long(), gbuffer.barycentric[some, first], gbuffer.seen_from(some))
-        for into, values in zip(kept, (points.position, points.normal, points.uv), strict=True):
-            into[:] = values
-    entry = gbuffer.entry_of_pixel()
+    count, device = len(gbuffer.pixel), gbuffer.pixel.device
+    index = torch.empty(count, 2, dtype=torch.int32, device=device)
+    alike, distance, uv = index.new_empty(count, 2, dtype=torch.bool), images.new_empty(count, 2), images.new_empty(count, 2)
+    for rows in gbuffer.entries_by_view():  # neighbours are of one view, and all pixels of all views are gigabytes
+        if not len(rows):
+            continue
+        start, pixel = int(rows[0]), gbuffer.pixel[rows]
+        first = (gbuffer.face[rows] >= 0).int().argmax(1)
+        points = surface(gbuffer.face[rows, first].long(), gbuffer.barycentric[rows, first], gbuffer.seen_from(rows))
+        uv[rows] = points.uv
+        entry = rows.new_full((height * width + width,), -1)
+        place = pixel % (height * width)
+        entry[place] = rows
+        insides = place % width < width - 1, place // width < height - 1
+        for side, (inside, step) in enumerate(zip(insides, (1, width), strict=True)):
+            other = torch.where(inside, entry[place + step], -1)
+            other = torch.where(other < 0, rows, other)
+            near = other - start
+            index[rows, side] = other.int()
+            distance[rows, side] = (points.position - points.position[near]).norm(dim=-1)
+            alike[rows, side] = (other != rows) & ((points.normal * points.normal[near]).sum(-1) > 0.8)
+    real = distance[index[:, 0] != torch.arange(count, device=device), 0]
+    spacing = real.median() if len(real) else distance.new_tensor(1.0)
     log_radiance = torch.log(images.mean(-1) + 1e-3 * images.mean().clamp_min(1e-12))
-    spacing = None
-    insides = gbuffer.pixel % width < width - 1, gbuffer.pixel // width % height < height - 1
-    for side, (inside, step) in enumerate(zip(insides, (1, width), strict=True)):
-        other = torch.where(inside, entry[(gbuffer.pixel + step).clamp(max=len(entry) - 1)], -1)
-        other = torch.where(other < 0, rows, other)
-        distance = (position - position[other]).norm(dim=-1)
-        if spacing is None:
-            real = distance[other != rows]
-            spacing = real.median() if len(real) else distance.new_tensor(1.0)
-        same = (other != rows) & (distance < 4 * spacing)
-        same &= (normal * normal[other]).sum(-1) > 0.8
-        change = (log_radiance - log_radiance[other]) / scale
-        index[:, side] = torch.where(same, other, rows)
-        similarity[:, side] = torch.where(same, torch.exp(-change * change), torch.zeros_like(change))
+    similarity = distance
+    for rows in torch.arange(count, device=device).split(PIXELS_AT_ONCE):
+        for side in range(2):
+            other = index[rows, side].long()
+            same = alike[rows, side] & (distance[rows, side] < 4 * spacing)
+            change = (log_radiance[rows] - log_radiance[other]) / scale
+            index[rows, side] = torch.where(same, other, rows).int()
+            similarity[rows, side] = torch.where(same, torch.exp(-change * change), torch.zeros_like(change))
     return PixelPairs(index, similarity, uv)
 
 

@@ -24,7 +24,7 @@ from ia_bench.scenes.color import linear_to_srgb, tone_map
 def test_smoothness_and_its_gradient_by_torch(channels: int, threads: int) -> None:
     """In float64; pixels may come twice."""
     rng = torch.Generator().manual_seed(0)
-    uv, index = torch.rand(3000, 2, generator=rng), torch.randint(3000, (3000, 2), generator=rng)
+    uv, index = torch.rand(3000, 2, generator=rng), torch.randint(3000, (3000, 2), generator=rng, dtype=torch.int32)
     neighbours = PixelPairs(index, torch.rand(3000, 2, generator=rng) * (torch.rand(3000, 2, generator=rng) < 0.8), uv)
     chosen = torch.randint(3000, (5000,), generator=rng)
     texture = torch.rand(9, 9, channels, generator=rng).requires_grad_()
