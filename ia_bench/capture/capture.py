@@ -41,11 +41,6 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     train = scene.train
     if settings.tolerated >= len(train) and (settings.consistency or settings.geometry in MADE):
         raise InputError(f"capture.tolerated={settings.tolerated}: expected fewer than the {len(train)} photographs that are taken")
-    normals = []
-    if settings.geometry == "sdf" and settings.sdf.normals != "none":
-        from ia_bench.capture.shapes import given_normals
-
-        normals = given_normals(settings.sdf.normals, train)
     train = of_one_size(train)
     if settings.radiometry == "ldr" or settings.background != "none" or settings.faults != FaultSettings():
         from ia_bench.capture.faults import blurred, misplaced, mistaken_masks
@@ -70,7 +65,7 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     if settings.geometry != "given" or scene.mesh is None:
         from ia_bench.capture.shapes import with_geometry
 
-        shaped = with_geometry(shaped, settings, note, normals, begin)
+        shaped = with_geometry(shaped, settings, note, begin)
         if shaped.turning is not None:  # its map is as it stands for the first photograph, which may have moved
             first = shaped.train[0].camera.to_world[:3].astype(float).tolist()
             shaped = replace(shaped, turning=replace(shaped.turning, start=tuple(map(tuple, first))))

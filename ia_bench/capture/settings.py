@@ -50,14 +50,12 @@ class SdfSettings:
         seed: The seed of the pixels of each step.
         align: Whether photographs may move on their picture planes while the surface is refined, and their cameras with them: so
             poses that are a little off are put right.
-        normals: A folder with the normals that each training view shows, in its camera's axes, which the refinement follows too.
     """
 
     cells: Annotated[int, Field(ge=32, le=256)] = 128
     steps: Annotated[int, Field(ge=0, le=10**5)] = 400
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     align: bool = False
-    normals: str = "none"
 
 
 @dataclass(frozen=True)
@@ -153,8 +151,6 @@ def _changed(settings: Settings, plain: Settings, part: str = "") -> dict[str, o
 
 
 def _word(key: str, value: object) -> str:
-    if key == "sdf normals":
-        return "given normals"  # where their folder lies says nothing
     if isinstance(value, tuple):
         return "axis " + " ".join(f"{part:g}" for part in value)
     if key in ("light", "white_balance"):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -14,26 +15,7 @@ import yaml
 
 from ia_bench.common.errors import InputError, printable
 
-MERGED = "tag:yaml.org,2002:merge"  # the tag of a key <<, of which a table may have several
 DIGITS = 300  # of a whole number, which then is also a float
-
-
-class _OnceEach(yaml.SafeLoader):
-    """Reads YAML as its standard has it, and not as PyYAML does: of a key that stands twice, that would take the last."""
-
-    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:  # noqa: ANN401 (PyYAML's)
-        """The table as it is written, before others are merged into it. Raises MarkedYAMLError for a key of before."""
-        node = super().compose_mapping_node(anchor)
-        known = set[tuple[str, str]]()
-        for key, _ in node.value:
-            if key.tag == MERGED:
-                continue
-            if (key.tag, str(key.value)) in known:
-                raise yaml.MarkedYAMLError(
-                    problem=f"expected every key once, found another {key.value}", problem_mark=key.start_mark
-                )
-            known.add((key.tag, str(key.value)))
-        return node
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -43,7 +25,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read a YAML table; an empty file is an empty table. Raises InputError, naming the file."""
-    return _table_in(path, "YAML", lambda text: {} if (content := yaml.load(text, _OnceEach)) is None else content)
+    return _table_in(path, "YAML", _by_omegaconf)
 
 
 def user_path(key: str, text: str, *, folder: bool = False) -> Path:
@@ -79,6 +61,35 @@ def file_below(folder: Path, value: object, where: str) -> Path:
     if problem:
         raise InputError(f"{where}: {shown(value)}: {problem}")
     return folder / value
+
+
+def paths_in(options: Mapping[str, Any]) -> list[Path]:
+    """The files and folders that options name."""
+    found: list[Path | None] = []
+    mapped(options, lambda text: found.append(path_in(text)) or text)  # type: ignore[func-returns-value]
+    return [path for path in found if path is not None]
+
+
+def path_in(text: str, paths: Collection[Path] = ()) -> Path | None:
+    """The file or folder that a setting names, or one of ``paths``, be it by a word.
+
+    A word alone, which may be called like a file by chance, names no other.
+    """
+    try:
+        path = Path(text).expanduser().resolve()
+        known = bool(text) and path.exists() and (path in paths or path.is_file() and (os.sep in text or "." in text))
+        return path if known or os.sep in text and path.is_dir() else None
+    except (OSError, ValueError, RuntimeError):  # no name of a file
+        return None
+
+
+def mapped(value: Any, change: Callable[[str], str]) -> Any:  # noqa: ANN401 (JSON)
+    """JSON with ``change`` applied to every text or path that is a value; keys stay as they are."""
+    if isinstance(value, Mapping):
+        return {key: mapped(part, change) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [mapped(part, change) for part in value]
+    return change(str(value)) if isinstance(value, str | Path) else value
 
 
 def is_file(path: Path) -> bool:
@@ -150,6 +161,17 @@ def _table_in(path: Path, what: str, parse: Callable[[str], object]) -> dict[str
         kind = "JSON object" if what == "JSON" else "YAML table"
         raise InputError(f"{shown(path)}: expected a {kind}, found {type(content).__name__}")
     return content
+
+
+def _by_omegaconf(text: str) -> object:
+    """What Hydra would read: 5e-1 is a number, a date is a text, and a key that stands twice is a mistake."""
+    from omegaconf import OmegaConf  # not with this module, most of whose readers want JSON
+    from omegaconf.errors import OmegaConfBaseException
+
+    try:
+        return OmegaConf.to_container(OmegaConf.load(io.StringIO(text)))
+    except (OmegaConfBaseException, OSError) as error:  # OSError: of what is neither a table nor a list
+        raise ValueError(str(error).partition("\n")[0]) from error
 
 
 def _whole(digits: str) -> int:

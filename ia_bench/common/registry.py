@@ -19,7 +19,7 @@ import random
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -53,12 +53,13 @@ class BrokenPlugin(InputError):
 
 @dataclass(frozen=True)
 class Plugin:
-    """A name and where its class or function is: ``target`` is ``"module:attribute"``."""
+    """A name and where its class or function is: ``target`` is ``"module:attribute"``; ``options`` are those of its YAML file."""
 
     kind: Kind
     name: str
     target: str
     distribution: str
+    options: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
 
 def installed(kind: Kind) -> dict[str, Plugin]:
@@ -85,9 +86,9 @@ def built_in(kind: Kind) -> Mapping[str, Plugin]:
     found = {}
     for path in sorted((conf_folder() / kind).glob("*.yaml")):
         content = read_yaml(path)
-        target = content.get(kind, content).get("target")  # a file may set more than its group
-        if target:
-            found[path.stem] = Plugin(kind, path.stem, str(target), BUILT_IN)
+        own = content.get(kind, content)  # a file may set more than its group
+        if own.get("target"):
+            found[path.stem] = Plugin(kind, path.stem, str(own["target"]), BUILT_IN, own.get("options") or {})
     return found
 
 

@@ -21,7 +21,6 @@ from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.warp_march import gather, gather_adjoint
 from ia_bench.scenes.scene import View
 
-WHOLE = 0.9  # coverage from which a pixel shows nothing but the object, so that a normal can be that of its surface
 BESIDE = 2  # pixels around a mask that are looked at too: they say that nothing is there
 
 
@@ -44,8 +43,7 @@ class Pixels:
     """What photographs show of an object and right beside it, N pixels of all views one after another.
 
     ``colour`` (N, 3) linear, premultiplied; ``mask`` (N,) coverage; ``colour_known`` and ``mask_known`` (N,), 0 or 1;
-    ``view`` (N,) the number of the photograph, ``place`` (N, 2) column and row in it; ``normal`` (N, 3) of the surface in the
-    grid's axes, 0 where none is known, None where none was given at all.
+    ``view`` (N,) the number of the photograph, ``place`` (N, 2) column and row in it.
     """
 
     rays: Rays
@@ -55,21 +53,16 @@ class Pixels:
     mask_known: Tensor
     view: Tensor
     place: Tensor
-    normal: Tensor | None = None
 
 
-def pixels_of(views: Sequence[View], grid: DistanceGrid, normals: Sequence[np.ndarray] = ()) -> Pixels:
-    """The pixels of the views whose rays meet the box of the grid, up to a few beside the masks.
-
-    ``normals`` (H, W, 3) of each view, or of none, in the axes of its camera; they may be smaller than its picture, which is then
-    padded at the right and at the bottom.
-    """
-    parts = [_of_view(number, view, grid, normals[number] if normals else None) for number, view in enumerate(views)]
+def pixels_of(views: Sequence[View], grid: DistanceGrid) -> Pixels:
+    """The pixels of the views whose rays meet the box of the grid, up to a few beside the masks."""
+    parts = [_of_view(number, view, grid) for number, view in enumerate(views)]
     origins, directions, near, far, *rest = (torch.cat(values) for values in zip(*parts, strict=True))
     return Pixels(Rays(origins, directions, near, far), *rest)
 
 
-def _of_view(number: int, view: View, grid: DistanceGrid, normals: np.ndarray | None) -> tuple[Tensor, ...]:
+def _of_view(number: int, view: View, grid: DistanceGrid) -> tuple[Tensor, ...]:
     camera = view.camera
     rows, columns = np.nonzero(maximum_filter(view.mask > 0, 2 * BESIDE + 1))
     along = camera.rays(columns + 0.5, rows + 0.5)
@@ -82,14 +75,7 @@ def _of_view(number: int, view: View, grid: DistanceGrid, normals: np.ndarray | 
     of_pixels = (view.image, view.mask, view.known, view.known | (view.mask > 0))
     values = origin, along, near, far, *(values[rows, columns] for values in of_pixels), np.stack([columns, rows], -1) + 0.5
     *floats, place = (torch.from_numpy(np.ascontiguousarray(one[met], np.float32)) for one in values)
-    named = torch.full((len(place),), number)
-    if normals is None:
-        return *floats, named, place
-    whole = np.zeros((*view.mask.shape, 3), np.float32)
-    whole[: normals.shape[0], : normals.shape[1]] = normals
-    turned = whole[rows, columns][met] @ np.asarray(camera.to_world[:3, :3], np.float32).T
-    solid = (view.mask > WHOLE)[rows, columns][met]
-    return *floats, named, place, torch.from_numpy(np.where(solid[:, None], turned, 0))
+    return *floats, torch.full((len(place),), number), place
 
 
 def gathered(

@@ -11,10 +11,7 @@ over random pixels,
 with c the colour that rays gather and A their opacity; the last two over the vertices near the surface, in cells. Nothing
 is known of the light, so shading is seen as paint, which tells shape as well where views overlap. Where the light turns with the
 camera, shading belongs to the normal as the light sees it; since stereo may be misled there, what it found and the hull are both
-tried as the start. Where normals n' are given (MonoSDF: Yu et al. 2022), there is besides, of the normals n that rays gather as
-they do colours,
-
-    NORMAL (|n - n'|_1 + |1 - n . n'|)
+tried as the start.
 """
 
 from __future__ import annotations
@@ -31,7 +28,7 @@ from ia_bench.common.progress import Begin, ProgressBar, unseen
 from ia_bench.geometry.consistency import MovingPhotographs
 from ia_bench.geometry.grid import DistanceGrid, sampled
 from ia_bench.geometry.hull import visual_hull
-from ia_bench.geometry.marching import Pixels, Rays, gathered, pixels_of
+from ia_bench.geometry.marching import Pixels, gathered, pixels_of
 from ia_bench.geometry.sweep import depth_maps, fused
 from ia_bench.geometry.warp_march import CHANNELS
 from ia_bench.scenes.scene import View
@@ -43,7 +40,7 @@ LEVELS = 5  # grids, each of twice the cells of the next, whose sum moves the di
 DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE, OFFSET_RATE = 0.05, 0.1, 5e-3, 5e-3, 0.02  # of Adam, in the beginning ...
 FALL = 0.1  # ... and times that in the end
 WARM = 0.15  # of the steps in which the surface stays: before it has colours, all of them seem to be wrong
-MASK, EIKONAL, SMOOTH, NORMAL = 0.5, 0.05, 0.02, 0.05  # weights of the loss
+MASK, EIKONAL, SMOOTH = 0.5, 0.05, 0.02  # weights of the loss
 OFFSET = 1e-3  # and of the square of a pixel by which a photograph moves
 BAND = 3.0  # cells from the surface within which vertices are regular
 BEYOND = 0.5  # cells that the surface may leave the hull by, where masks are not quite right
@@ -61,7 +58,6 @@ def surface_from_images(
     *,
     tolerated: int = 0,
     exposures_differ: bool = False,
-    normals: Sequence[np.ndarray] = (),
     photographs: MovingPhotographs | None = None,
     turns: np.ndarray | None = None,
     seed: int = 0,
@@ -71,9 +67,9 @@ def surface_from_images(
 
     ``cells`` along the longest side of the object; ``steps`` of the fit, 0 for what stereo finds; ``tolerated`` as for
     :func:`visual_hull`; ``exposures_differ`` where each image has a factor that nobody knows, which is then fitted;
-    ``normals`` (H, W, 3) of each view in its camera's axes, 0 where unknown, where there are any; ``photographs`` of the views
-    where these may move on their picture planes, and have moved when this returns; ``turns`` (V, 3, 3) where the light turns: they
-    take directions of the object, view by view, into those of the light. ``begin`` shows how far it is.
+    ``photographs`` of the views where these may move on their picture planes, and have moved when this returns; ``turns``
+    (V, 3, 3) where the light turns: they take directions of the object, view by view, into those of the light. ``begin`` shows
+    how far it is.
 
     Raises InputError for fewer views than tell a surface.
     """
@@ -90,7 +86,7 @@ def surface_from_images(
         return starts[0]
     if turns is not None:  # what lies still under such a light is not alike from view to view: what stereo found may mislead
         starts.append(hull)
-    pixels, least = pixels_of(views, hull, normals), hull.values / hull.step - BEYOND
+    pixels, least = pixels_of(views, hull), hull.values / hull.step - BEYOND
 
     def refined(start: DistanceGrid, steps: int, moving: MovingPhotographs | None) -> tuple[Tensor, float]:
         fit = _Fit(pixels, len(views) if exposures_differ else 0, moving, turns, seed)
@@ -209,15 +205,7 @@ class _Fit:
         loss = (colour_known * apart).mean() + MASK * (mask_known * (opacity - mask).abs()).mean()
         if self._photographs is not None:
             loss = loss + OFFSET * (self._photographs.offsets**2).mean()
-        return loss if pixels.normal is None else loss + NORMAL * turned_away(values, rays, pixels.normal[picked])
-
-
-def turned_away(values: Tensor, rays: Rays, given: Tensor) -> Tensor:
-    """The mean of |n - n'|_1 + |1 - n . n'| over rays, n the normals that they gather, n' ``given`` (N, 3), or 0 for none."""
-    field = pad(normalize(_differences(values), dim=0, eps=1e-6).movedim(0, -1), (0, CHANNELS - 3))
-    found = gathered(values, field, rays, WIDTH, STRIDE)[0][:, :3]
-    apart = (found - given).abs().sum(-1) + (1 - (found * given).sum(-1)).abs()
-    return ((given != 0).any(-1) * apart).mean()
+        return loss
 
 
 def _moved(values: Tensor, moves: Sequence[Tensor], least: Tensor) -> Tensor:

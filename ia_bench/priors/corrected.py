@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import paths_in
 from ia_bench.common.ranges import UnitInterval
 from ia_bench.priors.contract import Distiller, Observations, Prior, Refiner, Samples
 from ia_bench.priors.validation import ask, ask_to_distill, check_prior_info
@@ -59,7 +60,7 @@ class CorrectedPrior(WrappedPrior):
     ``share`` = 1 gives the prior's own samples, 0 the truth; between them every view keeps the kind of error that this prior
     makes (casts, baked shading, blotches, missed highlights) at -20 log10(share) dB more of linear PSNR. Guidance reaches the
     prior's sample before its error is made smaller, and so it is with what is distilled. ``of``: a prior's name or
-    module:Class; ``of_options``: its options.
+    module:Class; ``of_options``: its options, where they are not those that a run by that name has.
 
     It sees ground truth, as the oracle does. Ceilings are those of the prior behind: what that one could not say still counts
     as "at least". Raises InputError for a prior that sees the truth itself, or that provides nothing.
@@ -68,19 +69,21 @@ class CorrectedPrior(WrappedPrior):
     @classmethod
     def resolved_options(cls, options: Mapping[str, Any]) -> dict[str, Any]:
         """The options with those of the prior behind made explicit, where these depend on the machine."""
-        resolve = getattr(registry.load(registry.find("prior", options.get("of", "diffusion"))), "resolved_options", None)
-        return dict(options) if resolve is None else {**options, "of_options": resolve(options.get("of_options") or {})}
+        plugin, given = _behind(options)
+        resolve = getattr(registry.load(plugin), "resolved_options", None)
+        return {**options, "of_options": given if resolve is None else resolve(given)}
 
     @classmethod
     def files(cls, options: Mapping[str, Any]) -> list[Path]:
         """What the samples of the prior behind depend on, and its code where it is not the package's own."""
-        plugin = registry.find("prior", options.get("of", "diffusion"))
+        plugin, given = _behind(options)
         behind = getattr(registry.load(plugin), "files", None)
-        weights = [] if behind is None else behind(options.get("of_options") or {})
+        weights = paths_in(given) if behind is None else behind(given)
         return [*weights, *(file for files in registry.sources(plugin).values() for file in files)]
 
     def __init__(self, *, of: str = "diffusion", share: UnitInterval = 0.5, of_options: Mapping[str, Any] | None = None) -> None:
-        behind: Prior = registry.create("prior", of, registry.find("prior", of).target, of_options or {})
+        plugin, given = _behind({"of": of, "of_options": of_options})
+        behind: Prior = registry.create("prior", of, plugin.target, given)
         check_prior_info(behind)
         if behind.info.sees_truth or not behind.info.provides:
             reason = "it provides nothing" if not behind.info.provides else "it sees the truth itself"
@@ -98,3 +101,9 @@ class CorrectedPrior(WrappedPrior):
         truth = observations.truth or {}
         values = {name: torch.lerp(truth[name].to(sample), sample, self._share) for name, sample in samples.values.items()}
         return replace(samples, values=values)
+
+
+def _behind(options: Mapping[str, Any]) -> tuple[registry.Plugin, dict[str, Any]]:
+    """The prior that is corrected, and all options that it is made with."""
+    plugin = registry.find("prior", options.get("of", "diffusion"))
+    return plugin, {**plugin.options, **(options.get("of_options") or {})}

@@ -148,7 +148,10 @@ class FilesPrior:
                 if getattr(stored, key) is None:
                     expected = f"{' or '.join(get_args(choices))}, there or as prior.options.{key}"
                     raise InputError(f"{place}: {name}.{key}: expected {expected}, found nothing")
-        several = any(path.parent != self._path(one, "x").parent for one in self._stored.values() for path in self._all(one))
+        if self._views:
+            several = any(len(self._of_view(one, name)) > 1 for one in self._stored.values() for name in self._views)
+        else:  # a folder is that of a view's samples, or a part of the names of views
+            several = any(path.parent != self._path(one, "x").parent for one in self._stored.values() for path in self._all(one))
         sees_truth = about.sees_truth if self.sees_truth is None else self.sees_truth
         self.info = PriorInfo(frozenset(self._stored), several, sees_truth=sees_truth, declared=about.declared)
 

@@ -52,6 +52,11 @@ def use_bf16(precision: Precision, device: torch.device) -> bool:
 
 
 def content_number(image: Tensor, mask: Tensor) -> int:
-    """A number of 56 bits that stands for the content of an image (H, W, 3) and its mask: seeds a view's own noise."""
-    digest = hashlib.sha256(image.float().contiguous().numpy().tobytes() + mask.float().contiguous().numpy().tobytes())
+    """A number of 56 bits that stands for what an image (H, W, 3) shows where its mask is not 0: seeds a view's own noise.
+
+    What is around that does not count, so that a photograph has the same noise beside larger ones, to whose size it is padded.
+    """
+    rows, columns = (mask.amax(axis) > 0 for axis in (1, 0))
+    shown = (part.float()[rows][:, columns].contiguous() for part in (image, mask))
+    digest = hashlib.sha256(b"".join(part.numpy().tobytes() for part in shown))
     return int.from_bytes(digest.digest()[:7], "little")

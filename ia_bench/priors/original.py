@@ -36,7 +36,7 @@ RECORD = "source.json"
 """File of a folder of weights that says where they come from; the converter writes it last."""
 LATENT_RANGE = (-20.0, 20.0)
 """Clip of the estimated latents, which have unit standard deviation: no sample reaches it, runaway guidance ends there."""
-VERSION = 3  # part of the fingerprint; raised when a change of the code changes samples
+VERSION = 4  # part of the fingerprint; raised when a change of the code changes samples
 
 
 @dataclass(kw_only=True, eq=False)

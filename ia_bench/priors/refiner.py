@@ -136,7 +136,8 @@ class Seen:
 
     Attributes:
         features: (N, FEATURES, H, W), 0 where nothing is.
-        albedo: (N, 3, H, W), the fit's, as on a display, at the mean ALBEDO.
+        albedo: (N, 3, H, W), the fit's, as on a display, at the mean ALBEDO, clipped at LARGEST_ALBEDO.
+        beyond: (N, H, W, 3), by which the fit's is larger where it is clipped, else 1.
         factor: (N, 1, 1, 1), by which it was brought there.
         roughness: (N, 1, H, W), the fit's.
         mask: (N, H, W, 1), coverage.
@@ -144,6 +145,7 @@ class Seen:
 
     features: Tensor
     albedo: Tensor
+    beyond: Tensor
     factor: Tensor
     roughness: Tensor
     mask: Tensor
@@ -154,7 +156,7 @@ class Seen:
         ``change`` (N, 4, H, W) is that of the albedo's display values and of the roughness. A photograph's mask may be less than
         what the fit covers, so that its straight roughness is above 1: limits hold for premultiplied ones.
         """
-        albedo = srgb_to_linear((self.albedo + change[:, :3]).clamp_min(0)).movedim(1, -1) / self.factor
+        albedo = srgb_to_linear((self.albedo + change[:, :3]).clamp_min(0)).movedim(1, -1) * self.beyond / self.factor
         roughness = (self.roughness + change[:, 3:]).movedim(1, -1) * self.mask
         return albedo * self.mask, roughness.clamp(0, 1)
 
@@ -170,14 +172,15 @@ def see(
     albedo = renders["albedo"]
     mask = masks[..., None]
     straight = 1 / mask.clamp_min(LEAST_COVERAGE)
-    inside = (mask > 0.5).float()
+    inside = (mask > 0.5 * mask.amax((1, 2), keepdim=True)).float()
     level = _mean(images * straight, inside)
     exposure = torch.where(level > DARKEST, PHOTOGRAPH / level.clamp_min(DARKEST), 1.0)
     factor = ALBEDO / _mean(albedo * straight, inside).clamp_min(1e-4)
     photograph = (images * straight * exposure).clamp(0, LARGEST_RADIANCE)
     rendered = (renders["radiance"] * straight * exposure).clamp(0, LARGEST_RADIANCE)
     shine = (renders["specular"] * straight * exposure).clamp(0, LARGEST_RADIANCE)
-    paint = (albedo * straight * factor).clamp(0, LARGEST_ALBEDO)
+    bright = (albedo * straight * factor).clamp_min(0)
+    paint = bright.clamp_max(LARGEST_ALBEDO)
     stops = torch.log2(((photograph - shine).clamp_min(0) + OFFSET) / (paint + OFFSET))
     shading = stops.clamp(-SHADING_STOPS, SHADING_STOPS) * SHADING_SCALE
     misfit = torch.log2((photograph + OFFSET) / (rendered + OFFSET))
@@ -186,7 +189,7 @@ def see(
     colours = [linear_to_srgb(photograph), shown, linear_to_srgb(shine), shading, misfit]
     features = torch.cat([*colours, normals, evidence, roughness, visibility, counts, mask], -1) * (mask > EMPTY)
     first = [each.movedim(-1, 1).contiguous() for each in (features, shown, roughness)]
-    return Seen(first[0], first[1], factor, first[2], mask)
+    return Seen(first[0], first[1], (bright / LARGEST_ALBEDO).clamp_min(1), factor, first[2], mask)
 
 
 def _mean(values: Tensor, inside: Tensor) -> Tensor:

@@ -17,6 +17,7 @@ from ia_bench.geometry.mesh import load_mesh
 from ia_bench.geometry.mesh_files import named_by_gltf
 from ia_bench.readers.cameras import expect_looking_at_object
 from ia_bench.readers.contract import MESHES, NO_MESH
+from ia_bench.readers.lenses import places_of
 from ia_bench.readers.pictures import SUFFIXES
 from ia_bench.scenes.scene import Mesh, Scene, Truth, View
 
@@ -118,6 +119,7 @@ class FolderReader:
         if not train:
             raise InputError(f"{source}: expected at least one training view, found none")
         expect_looking_at_object(source, train)
+        places_of.cache_clear()  # all photographs are straight, and of large ones it is hundreds of megabytes
         path = mesh or next((there for name in MESHES if (there := self.folder / name).is_file()), None)
         path = path if self.mesh is None else user_path("reader.options.mesh", self.mesh)
         loaded, repairs = load_mesh(path, uv=self.uv) if path is not None else (None, (NO_MESH,))

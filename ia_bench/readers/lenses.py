@@ -79,7 +79,7 @@ def undistorted(where: str, view: View, glass: Lens) -> View:
     if glass == Lens():
         return view
     camera = view.camera
-    through = _places(glass, camera.focal, camera.centre, camera.height, camera.width)
+    through = places_of(glass, camera.focal, camera.centre, camera.height, camera.width)
     if through is None:
         raise InputError(f"{where}: expected the distortion of a lens, found one under which the picture folds over: {glass}")
     row, column, seen = through
@@ -114,7 +114,7 @@ def _layers(values: np.ndarray) -> list[np.ndarray]:
 
 
 @lru_cache(maxsize=1)  # one lens makes the photographs of a capture, or most of them one after the other
-def _places(
+def places_of(
     glass: Lens, focal: tuple[float, float], centre: tuple[float, float], height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Where each pixel of the pinhole camera was photographed, row and column (H, W), and whether that is in the photograph.

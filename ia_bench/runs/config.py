@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from ia_bench.capture.settings import CaptureSettings, SdfSettings
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import Fault, InputError, printable, unknown
 from ia_bench.common.files import user_path
@@ -148,9 +148,6 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     elif reader.target != NATIVE_READER and not scene.name:
         scene = replace(scene, name=reader.name)
     capture = config.capture
-    if capture.geometry == "sdf" and capture.sdf.normals != SdfSettings.normals:
-        normals = str(user_path("capture.sdf.normals", capture.sdf.normals, folder=True))
-        capture = replace(capture, sdf=replace(capture.sdf, normals=normals))
     if config.protocol.lpips.weights is not None:
         user_path("protocol.lpips.weights", config.protocol.lpips.weights)  # a run would find out after its fit
     kind = registry.load(registry.named("reader", reader.name, reader.target))

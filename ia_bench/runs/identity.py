@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shlex
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from functools import partial
 from pathlib import Path
@@ -17,12 +16,12 @@ from typing import Any
 
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import files_below, hash_of_files, shown
+from ia_bench.common.files import files_below, hash_of_files, mapped, path_in, paths_in, shown
 from ia_bench.common.machine import environment
 from ia_bench.common.ranges import NO_NUMBER
 from ia_bench.runs.config import ReaderConfig, RunConfig, SceneConfig, expect_outside, method_of, resolve_scene_folder, slug
 
-IDENTITY_VERSION = 17
+IDENTITY_VERSION = 18
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
 LABELS = ("command", "out", "row", "preset", "fit")
 """Settings that decide no number: what a run is called, where its results go, and what other settings already hold."""
@@ -44,17 +43,17 @@ def identity(config: RunConfig) -> dict[str, Any]:
     content["method"]["options"] = {key: value for key, value in config.method.options.items() if key not in hidden}
     content["method"]["fingerprint"] = getattr(method, "fingerprint", None)
     for plugin, options in _plugins(config):
-        paths, folders = _files_of(plugin, options), _paths_in(options)
+        paths, folders = _files_of(plugin, options), paths_in(options)
         content[plugin.kind] |= {
-            "options": _mapped(content[plugin.kind]["options"], partial(_without_path, paths)),
+            "options": mapped(content[plugin.kind]["options"], partial(_without_path, paths)),
             "files": [_content(_named_below(path, folders), [path]) for path in paths if plugin.kind != "reader"],
             "code": registry.foreign_code(plugin.kind, plugin.name, plugin.target),
         }
     content["scene"] = {"name": config.scene.name, "content": scene_content(config.scene, config.reader)}
     content["protocol"] = config.protocol.describe()
     content["identity_version"] = IDENTITY_VERSION
-    named = {path: _content(path) for path in _paths_in(content)}  # of what is no plugin: a protocol, a capture
-    found: dict[str, Any] = _mapped(content, lambda text: named.get(_path_in(text), text))  # type: ignore[arg-type]
+    named = {path: _content(path) for path in paths_in(content)}  # of what is no plugin: a protocol, a capture
+    found: dict[str, Any] = mapped(content, lambda text: named.get(path_in(text), text))  # type: ignore[arg-type]
     return found
 
 
@@ -67,7 +66,7 @@ def scene_content(scene: SceneConfig, reader: ReaderConfig) -> str | None:
             return _content(folder or Path(), map(Path, made.files()))
     if folder is None:
         return None
-    return _content(folder, [folder, *_paths_in(reader.options)])
+    return _content(folder, [folder, *paths_in(reader.options)])
 
 
 def labels(config: RunConfig, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -92,7 +91,7 @@ def setup(config: RunConfig) -> dict[str, Any]:
 
 def from_anywhere(settings: Mapping[str, Any], paths: Collection[Path] = ()) -> dict[str, Any]:
     """``settings`` that mean the same in every current folder: files and folders that they name, and ``paths``, are absolute."""
-    found: dict[str, Any] = _mapped(settings, lambda text: str(_path_in(text, paths) or text))
+    found: dict[str, Any] = mapped(settings, lambda text: str(path_in(text, paths) or text))
     return found
 
 
@@ -148,7 +147,7 @@ def _files_of(plugin: registry.Plugin, options: Mapping[str, Any]) -> list[Path]
     """The files and folders that a plugin takes numbers from besides its code; a reader's own are its scene's."""
     said = getattr(registry.load(plugin), "files", None) if plugin.kind != "reader" else None
     if said is None:
-        return _paths_in(options)
+        return paths_in(options)
     with registry.at_work(plugin.kind, plugin.name):
         return [Path(path).expanduser().resolve() for path in said(options)]
 
@@ -160,39 +159,10 @@ def _deciding(settings: Any) -> Any:  # noqa: ANN401 (a dataclass, or a value in
     return {field.name: _deciding(getattr(settings, field.name)) for field in fields(settings) if field.metadata != NO_NUMBER}
 
 
-def _mapped(value: Any, change: Callable[[str], str]) -> Any:  # noqa: ANN401 (JSON)
-    """JSON with ``change`` applied to every text or path that is a value; keys stay as they are."""
-    if isinstance(value, Mapping):
-        return {key: _mapped(part, change) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_mapped(part, change) for part in value]
-    return change(str(value)) if isinstance(value, str | Path) else value
-
-
-def _path_in(text: str, paths: Collection[Path] = ()) -> Path | None:
-    """The file or folder that a setting names, or one of ``paths``, be it by a word.
-
-    A word alone, which may be called like a file by chance, names no other.
-    """
-    try:
-        path = Path(text).expanduser().resolve()
-        known = bool(text) and path.exists() and (path in paths or path.is_file() and (os.sep in text or "." in text))
-        return path if known or os.sep in text and path.is_dir() else None
-    except (OSError, ValueError, RuntimeError):  # no name of a file
-        return None
-
-
 def _named_below(path: Path, folders: Iterable[Path]) -> Path:
     """The folder that an option names, below which the name of a file counts: it may say what the file is of."""
     return next((folder for folder in folders if folder != path and path.is_relative_to(folder)), path)
 
 
 def _without_path(paths: Collection[Path], text: str) -> str:
-    return CONTENT if _path_in(text, paths) else text
-
-
-def _paths_in(options: Mapping[str, Any]) -> list[Path]:
-    """The files and folders that options name."""
-    found: list[Path | None] = []
-    _mapped(options, lambda text: found.append(_path_in(text)) or text)  # type: ignore[func-returns-value]
-    return [path for path in found if path is not None]
+    return CONTENT if path_in(text, paths) else text

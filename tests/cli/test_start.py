@@ -12,12 +12,12 @@ LATER = (*NETWORKS, *TABLES, "scipy", "skimage", "trimesh")
 FIRST_STEP = f"""
 import os, sys
 import ia_bench.methods.two_stage.fit as fit
-plain = fit.Fit._step
+plain = fit.TwoStageFit._step
 def step(self, *given):
     plain(self, *given)
     print("loaded:", *(name for name in {LATER} if name in sys.modules), flush=True)
     os._exit(0)
-fit.Fit._step = step
+fit.TwoStageFit._step = step
 from ia_bench.cli.run import main
 main(sys.argv[1:])
 """

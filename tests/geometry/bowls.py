@@ -54,13 +54,6 @@ def bowl_view(number: int, camera: Camera, fineness: float, turn: np.ndarray | N
     return View(f"{number:02d}", camera, image, mask, normal=normal_truth)
 
 
-def camera_normals(view: View) -> np.ndarray:
-    """Unit normals (H, W, 3) in the axes of the view's camera, 0 where pixels are not covered by half."""
-    length = np.linalg.norm(view.normal, axis=-1, keepdims=True)
-    turned = view.normal @ view.camera.to_world[:3, :3]
-    return np.where((view.mask[..., None] > 0.5) & (length > 0.5), turned / length.clip(0.5), 0).astype(np.float32)
-
-
 def bowl_views(count: int, side: int, fineness: float = 9.0) -> list[View]:
     """``count`` views from all around, ``side`` pixels wide."""
     return [bowl_view(n, camera_at(3 * d, side=side), fineness) for n, d in enumerate(directions(count))]

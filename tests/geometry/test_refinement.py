@@ -144,15 +144,6 @@ def test_a_bowl_is_hollow(views: list[View]) -> None:
 
 
 @pytest.mark.slow
-def test_given_normals_are_followed(views: list[View]) -> None:
-    """Those of the bowl itself: measured 6.9 degrees for 9.0 in the same steps."""
-    normals = [bowls.camera_normals(view) for view in views]
-    without, given = surface_from_images(views, CELLS, 20), surface_from_images(views, CELLS, 20, normals=normals)
-    assert errors(given)[1] < 0.85 * errors(without)[1]
-    assert errors(given)[0] < errors(without)[0]
-
-
-@pytest.mark.slow
 def test_a_light_that_turns_is_not_taken_for_paint() -> None:
     """Lamps that go with the camera: measured 5.3 degrees in place of 10 (and 16.7 from the hull, where stereo is left out)."""
     cameras = [bowls.camera_at(3 * direction, side=56) for direction in bowls.directions(50)]

@@ -1,5 +1,7 @@
 """The corrected prior: the errors of the prior behind it, smaller by exactly the factor asked for."""
 
+from pathlib import Path
+
 import pytest
 import torch
 from priors.tiny_network import tiny_weights
@@ -33,6 +35,22 @@ def test_errors_shrink_by_the_share(weights: str, ball: Observations, share: flo
     plain = DiffusionPrior(weights=weights).sample(ball, seed=3, guidance=guidance)
     samples = corrected(weights, share).sample(ball, seed=3, guidance=guidance)
     check_shrunk(plain, samples, ball, share)
+
+
+def test_a_name_stands_for_the_options_of_its_file() -> None:
+    """prior=letter is the diffusion model to the letter, and so it is behind another one, but for what is given."""
+    letter = CorrectedPrior(of="letter", of_options={"steps": 7}).prior
+    assert (letter.steps, letter.eta, letter.guidance_rule, letter.guidance_norm) == (7, 1.0, "paper", "l2")
+    resolved = CorrectedPrior.resolved_options({"of": "letter"})["of_options"]
+    assert (resolved["steps"], resolved["eta"]) == (20, 1.0)
+
+
+def test_files_that_the_options_of_a_plug_in_name_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "plugged_prior.py").write_text("class P:\n    def __init__(self, *, weights): ...\n    def sample(self): ...\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "a.pt").write_bytes(b"a")
+    files = CorrectedPrior.files({"of": "plugged_prior:P", "of_options": {"weights": str(tmp_path / "a.pt")}})
+    assert {path.name for path in files} == {"a.pt", "plugged_prior.py"}
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5])

@@ -149,6 +149,15 @@ def test_a_suffix_in_upper_case_is_one_and_a_name_with_dots_is_whole(tmp_path: P
     assert np.abs(found - expected).max() <= 0.01
 
 
+def test_names_of_views_may_have_folders(tmp_path: Path) -> None:
+    """Where predictions.json says which views there are, a folder in their names is no folder of samples."""
+    for name in ("cam0/0001", "cam1/0001"):
+        save(tmp_path / "albedo" / f"{name}.png", colours())
+    assert FilesPrior(path=str(tmp_path), **TOLD).info.stochastic
+    (tmp_path / "predictions.json").write_text(json.dumps({"views": {"cam0/0001": {}, "cam1/0001": {}}}))
+    assert not FilesPrior(path=str(tmp_path), **TOLD).info.stochastic
+
+
 def test_it_sees_files_and_nothing_else(tmp_path: Path) -> None:
     save(tmp_path / "albedo" / "a.png", colours())
     prior, one = FilesPrior(path=str(tmp_path), **TOLD), shown("a")

@@ -74,6 +74,19 @@ def test_no_change_gives_back_the_material() -> None:
         torch.testing.assert_close(maps[where], parts[name][where].float(), rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.parametrize("covered", [1.0, 0.4])
+def test_no_change_gives_back_a_small_bright_label_and_glass(covered: float) -> None:
+    """An albedo 30 times the mean, which the network sees clipped; and a view that nothing covers by more than a half."""
+    shape = BALL.masks[:, :, :, None].shape
+    masks = torch.full(shape[:3], covered)
+    parts = renders()
+    parts["albedo"] = torch.full((*shape[:3], 3), 0.02 * covered)
+    parts["albedo"][:, 4:6, 4:6] = 0.8 * covered
+    found = see(0 * BALL.images, masks, parts, *(torch.zeros(*shape[:3], channels) for channels in (3, 1, 1)))
+    albedo, _ = found.corrected(torch.zeros(3, 4, *shape[1:3]))
+    torch.testing.assert_close(albedo, parts["albedo"], rtol=1e-4, atol=1e-6)
+
+
 def test_views_without_anything_stay_as_they_are(folders: dict[str, str]) -> None:
     prior = RefinerPrior(**folders, precision="float32")
     parts = renders()

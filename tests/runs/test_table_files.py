@@ -34,7 +34,6 @@ def test_bad_table_file_is_named() -> None:
         ("captures: []", "captures: expected at least one, found "),
         ("captures: [{name: on}]", "captures.name: expected text, found True"),
         ("captures: [{name: 007}]", "captures.name: expected text, found 7"),
-        ("captures: [{name: 2024-01-01}]", r"captures\[0\].name: expected a number, a text, .*, found the date 2024-01-01"),
         ("photographs: 0", "photographs: expected 1 or more, found 0"),
         (
             "rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: []}]",
@@ -58,8 +57,8 @@ def test_bad_table_file_is_named() -> None:
             for override in ("seed=3", "scene=hat", "+scene.path=x", "threads=2", "row=b", "out=there", "reader=dtu", "hydra.job=1")
         ),
         ("seeds: []", "seeds: expected at least one"),
-        ("seeds: [0]\nseeds: [1]", r"bad\.yaml: not valid YAML \(expected every key once, found another seeds .*line 2"),
-        ("rows: [{name: a, name: b, overrides: []}]", "expected every key once, found another name "),
+        ("seeds: [0]\nseeds: [1]", r"bad\.yaml: not valid YAML \(.* found duplicate key seeds .*line 2"),
+        ("rows: [{name: a, name: b, overrides: []}]", "found duplicate key name"),
         (f"{TWO}curve: [b]", "curve: expected a reference beside it, .*, found none: b$"),
         (f"{TWO}claims: [{{better: a, worse: a}}]", "claims: expected two rows, .* in albedo.psnr, found a alone$"),
         (f"{TWO}claims: [{{better: a, worse: b}}, {{better: b, worse: a, metrics: [relighting.psnr]}}]", "found a and b 2 times$"),

@@ -137,13 +137,13 @@ def test_training_starts_from_given_weights(folders, tmp_path):
 
 
 def test_a_diffusion_model_starts_as_the_regressor_that_it_is_given(folders, tmp_path):
-    """Whatever noise it sees, its first estimate is the regressor's."""
+    """Whatever noise it sees and is told of, its first estimate is the regressor's."""
     start = tiny_weights(tmp_path / "start", kind="regressor", seed=5, head=32)
     train(command(folders, tmp_path / "run", "steps=1", f"init={start}", "rate=1e-9", "muon_rate=0", "warmup=0"))
     network, regressor = load_network(tmp_path / "run/weights")[0], load_network(start)[0]
     images, noise = torch.rand(2, network.config.condition_channels, 16, 16), torch.randn(2, 6, 16, 16)
-    steps = torch.tensor([3, 900])
-    torch.testing.assert_close(network(noise, steps, images), regressor(None, steps, images), atol=1e-3, rtol=1e-3)
+    last = torch.full((2,), network.config.timesteps - 1)
+    torch.testing.assert_close(network(noise, torch.tensor([3, 900]), images), regressor(None, last, images), atol=1e-3, rtol=1e-3)
 
 
 @pytest.mark.parametrize(

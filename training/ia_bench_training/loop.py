@@ -237,6 +237,7 @@ class _Training:
         """Return the weights, their average, the optimiser's moments, and what goes with them."""
         return {
             "figures": self.figures,
+            "init": self._init,
             "circumstances": self._circumstances(),
             "network": self.network.state_dict(),
             "optimizer": self.optimizer.state_dict(),
@@ -249,7 +250,7 @@ class _Training:
         self.ema.load_state_dict(state["ema"])
         self.ema.to(self.accelerator.device)
         self.optimizer.load_state_dict(state["optimizer"])
-        self.figures = state["figures"]
+        self.figures, self._init = state["figures"], state["init"]  # of the weights that it began with, whatever lies there now
         for name, now in self._circumstances().items():
             if state["circumstances"][name] != now:
                 self.progress.note(

@@ -29,7 +29,7 @@ from ia_bench.methods.monitor import Monitor
 FINAL_RATE = 0.02
 """Share of the full learning rate that is left at the last step."""
 STATE, VALIDATIONS = "state.pt", "validation.jsonl"
-STATE_FORMAT = 4
+STATE_FORMAT = 5
 """Raised when a change of the code changes what a state holds."""
 PERMUTATIONS = 1 << 20
 """Marks the random streams of permutations; those of batches are marked by their process."""

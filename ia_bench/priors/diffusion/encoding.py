@@ -29,6 +29,7 @@ EXPOSED_VALUE = 0.7
 """Linear; leaves half a stop to highlights before an image clips, as a camera's automatic exposure does."""
 FAINTEST = 1e-3  # a coverage below it counts as it: what so faint a pixel shows is rounding
 DARKEST = 1e-30  # a radiance, in any unit, below which there is no light
+FAINT = 0.01  # of the largest coverage: less of it is haze
 MARGIN = 0.03
 """Margin on each side of the box around the object, as a share of its side: training images leave about as much."""
 MULTIPLE = 8
@@ -111,9 +112,10 @@ class Frame:
     def around(cls, mask: Tensor, side: int | None, margin: float = MARGIN) -> Frame | None:
         """The square around the foreground of ``mask`` (H, W), with a ``margin``; None where nothing is covered.
 
-        It is resized to ``side``, or for None left as it is, with its length a multiple of MULTIPLE.
+        Coverage of no more than FAINT times the largest, the haze of a matting tool or of JPEG, is no foreground. The square is
+        resized to ``side``, or for None left as it is, with its length a multiple of MULTIPLE.
         """
-        box = box_of(mask > 0)
+        box = box_of(mask > FAINT * mask.max())
         if box is None:
             return None
         length = math.ceil(max(part.stop - part.start for part in box) * (1 + 2 * margin))

@@ -27,7 +27,7 @@ from ia_bench.priors.inputs import Device, Precision, choose_device, content_num
 from ia_bench.priors.weight_files import read_description
 
 PACKAGED = PACKAGE / "priors" / "weights"
-VERSION = 5  # part of the fingerprint; raised when a change of the code changes samples
+VERSION = 6  # part of the fingerprint; raised when a change of the code changes samples
 
 
 @dataclass(frozen=True)

@@ -277,12 +277,16 @@ def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
 
 
 def answer_noise_as_without(network: MaterialNetwork, regressor: MaterialNetwork) -> None:
-    """Give a diffusion ``network`` the weights of a ``regressor`` of its shape, and weights of zero where it reads noise.
+    """Give a diffusion ``network`` the weights of a ``regressor`` of its shape, and of zero where it reads noise and its level.
 
     Whatever noisy components it is given, it then answers as the regressor does, the mean of what is possible: an
     estimate of the clean components from which training learns what noise adds.
     """
     state, noise = regressor.state_dict(), network.config.output_channels
+    told = regressor.unet.time_proj(torch.tensor([regressor.config.timesteps - 1]))  # the one level of which it has ever heard
+    weight = state["unet.time_embedding.linear_1.weight"]
+    state["unet.time_embedding.linear_1.bias"] = state["unet.time_embedding.linear_1.bias"] + weight @ told[0].to(weight)
+    state["unet.time_embedding.linear_1.weight"] = torch.zeros_like(weight)
     folded = state["unet.conv_in.weight"]
     state["unet.conv_in.weight"] = torch.cat([folded.new_zeros(len(folded), noise * network.config.fold**2, 3, 3), folded], 1)
     full = state["head.enter.weight"]

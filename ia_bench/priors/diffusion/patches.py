@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -29,7 +30,8 @@ Place = tuple[int, slice, slice, slice]
 """Where a patch lies: (image, all channels, rows, columns), an index into (N, C, H, W)."""
 
 OVERLAP = 0.5  # least share of a patch's side that its neighbour covers too
-STRENGTH = 100.0  # how strongly the coarse sample guides the patches; see guidance.py
+STRENGTH = {"squared": 100.0, "l2": 3.0}
+"""How strongly the coarse sample guides the patches, by the norm of guidance.py; of "l2" the authors recommend 2 to 5."""
 
 
 def sample_large(
@@ -57,7 +59,8 @@ def sample_large(
     side = condition.shape[-1]
 
     def draw(condition: Tensor, seeds: Sequence[int] | Noise, pulls: Sequence[Pull]) -> Tensor:
-        denoise = replace(guidance, pulls=tuple(pulls)).guiding(make_denoise(condition), schedule)
+        counted = guidance.cost if guidance.pulls else Counter[str]()  # what the coarse sample does is no guidance of a run
+        denoise = replace(guidance, pulls=tuple(pulls), cost=counted).guiding(make_denoise(condition), schedule)
         shape, device, dtype = (len(condition), *like), condition.device, condition.dtype
         return sample(denoise, schedule, shape, seeds, settings, device=device, dtype=dtype)
 
@@ -76,7 +79,7 @@ def sample_large(
         samples.append(draw(reduced(condition), seeds[part], toward))
     coarse = _resized(torch.cat(samples), side)
     # To average over a coarse pixel (variance factor^2 / 12) and interpolate linearly between them (factor^2 / 6) is nearly:
-    pulls = [Pull(coarse, STRENGTH, sigma=side / native / 2), *guidance.pulls]
+    pulls = [Pull(coarse, STRENGTH[guidance.norm], sigma=side / native / 2), *guidance.pulls]
     places = [
         (number, slice(None), slice(top, top + native), slice(left, left + native))
         for number in range(len(condition))

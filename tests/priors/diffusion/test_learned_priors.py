@@ -55,6 +55,22 @@ def test_the_prior_keeps_its_contract(weights, options):
     assert not failures(lambda: DiffusionPrior(weights=weights, steps=3, **options))
 
 
+def test_a_photograph_has_the_same_sample_beside_larger_ones_to_whose_size_it_is_padded(weights, ball):
+    padded = ball.each(lambda values: torch.nn.functional.pad(values, (*(0, 0) * (values.ndim - 3), 0, 9, 0, 5)))
+    height, width = ball.masks.shape[1:]
+    prior = DiffusionPrior(weights=weights, steps=2)
+    plain, beside = (prior.sample(each, seed=1).values["albedo"] for each in (ball, padded))
+    torch.testing.assert_close(beside[:, :height, :width], plain, rtol=1e-4, atol=1e-5)
+
+
+def test_haze_is_no_foreground(weights, ball):
+    """Of a mask that a matting tool has made: coverage of 1 in 255 in a corner moves no frame."""
+    hazy = ball.masks.clone()
+    hazy[:, 0, 0] = 1 / 255
+    assert [Frame.around(mask, 16) for mask in hazy] == [Frame.around(mask, 16) for mask in ball.masks]
+    assert Frame.around(hazy[0] / 300, 16) == Frame.around(ball.masks[0], 16), "of faint glass all counts"
+
+
 def test_the_regressor_keeps_its_contract(regressor_weights):
     assert not failures(lambda: RegressorPrior(weights=regressor_weights))
 

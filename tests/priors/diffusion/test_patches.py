@@ -87,7 +87,7 @@ def test_a_denoiser_that_returns_its_condition_gives_it_back_exactly(side: int, 
     condition, settings = random(2, 3, side, side), SamplerSettings(3, eta=0.5)
     flat = condition[..., :1, :1].expand_as(condition)  # coarse and fine agree: guidance has nothing to change
     torch.testing.assert_close(large(give_back, flat, settings, channels=3), flat, rtol=0, atol=1e-5)
-    monkeypatch.setattr(patches, "STRENGTH", 0.0)
+    monkeypatch.setattr(patches, "STRENGTH", {"squared": 0.0})
     assert torch.equal(large(give_back, condition, settings, channels=3), condition)
 
 
@@ -100,12 +100,12 @@ def test_an_image_depends_neither_on_its_neighbours_nor_on_the_batch(eta: float,
         return together[2:], large(mix, condition[2:], settings, channels=2, seeds=[5])
 
     torch.testing.assert_close(*both(), rtol=0, atol=1e-5)  # the blur of guided ones is a product of matrices
-    monkeypatch.setattr(patches, "STRENGTH", 0.0)
+    monkeypatch.setattr(patches, "STRENGTH", {"squared": 0.0})
     assert torch.equal(*both())
 
 
 def test_patches_without_foreground_are_skipped(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(patches, "STRENGTH", 0.0)
+    monkeypatch.setattr(patches, "STRENGTH", {"squared": 0.0})
     condition, foreground, settings = random(2, 1, 96, 96), torch.zeros(2, 1, 96, 96), SamplerSettings(3)
     foreground[0, 0, :20, :20] = 1
     calls = []
@@ -137,7 +137,7 @@ def gradient_energy(image: Tensor, borders: list[int], margin: int) -> tuple[flo
 @pytest.mark.parametrize("eta", [0.0, 1.0])
 def test_no_seams(strength: float, eta: float, monkeypatch: pytest.MonkeyPatch):
     """Within 5 %: the ratio scatters by 1.2 % (24 images x 3 channels x 107 rows, 20 lines), so four sigma; seeds are fixed."""
-    monkeypatch.setattr(patches, "STRENGTH", strength)
+    monkeypatch.setattr(patches, "STRENGTH", {"squared": strength})
     found = large(field_prior(NATIVE), torch.zeros(24, 1, 107, 107), SamplerSettings(10, eta, clip=None), channels=3)
     lines = sorted({line for origin, _ in patch_origins(107, NATIVE) for line in (origin, origin + NATIVE)})
     energies = [gradient_energy(image, lines[1:-1], margin=4) for image in (found, found.mT)]
@@ -151,7 +151,7 @@ def test_patches_follow_the_coarse_sample(monkeypatch: pytest.MonkeyPatch):
     coarse = sample(field_prior(NATIVE, 8.0)(condition), SCHEDULE, (4, 3, NATIVE, NATIVE), range(4), settings)
     errors = {}
     for strength in (0.0, 100.0):
-        monkeypatch.setattr(patches, "STRENGTH", strength)
+        monkeypatch.setattr(patches, "STRENGTH", {"squared": strength})
         found = large(field_prior(NATIVE, 8.0), condition, settings, channels=3)
         reduced = torch.nn.functional.avg_pool2d(Pull(found, 1.0, sigma=1.5).blurred(found), 3)
         errors[strength] = float((reduced - coarse).square().mean() / coarse.square().mean())
