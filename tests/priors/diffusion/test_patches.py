@@ -171,5 +171,5 @@ def test_guidance_reaches_coarse_and_patches(rule: Rule):
     else:  # its steps are cut at the minimum along a line, which is counted
         assert strong.cost["guided_cut"] > 0
     fine = 4 * 2 * len(list(patch_origins(71, NATIVE)))
-    assert plain.cost["guided_estimates"] == fine, "without guidance the coarse sample is drawn to nothing, and patches to it"
+    assert not plain.cost, "patches are drawn to the coarse sample, which is no guidance of a run"
     assert strong.cost["guided_estimates"] == fine + 4 * 2
