@@ -167,17 +167,17 @@ class _Training:
         seed = stream(settings.seed, step, self.accelerator.process_index)
         generator = torch.Generator(self.accelerator.device).manual_seed(seed)
         batch, at = self.images.batch(share, settings.network, settings.augmentation, generator), drawn_by(generator)
-        draws = {
-            "noise": torch.randn(batch.target.shape, **at),
-            "timestep": torch.randint(1000 if self.schedule is None else len(self.schedule), (len(share),), **at),
-        }
+        if self.schedule is None:  # a regressor always sees its image
+            return batch, {"timestep": torch.full((len(share),), settings.network.timesteps - 1, device=self.accelerator.device)}
+        last = len(self.schedule) - 1
+        draws = {"noise": torch.randn(batch.target.shape, **at), "timestep": torch.randint(last + 1, (len(share),), **at)}
+        draws["timestep"][torch.rand(len(share), **at) < settings.noise_alone] = last
         return batch, draws
 
     def _predicted(self, batch: Batch, draws: dict[str, Tensor]) -> Tensor:
         """The network's estimate (N, 3 C, H, W) of the batch's target."""
-        if self.schedule is None:  # the regressor always sees its image
-            timestep = torch.full_like(draws["timestep"], self.settings.network.timesteps - 1)
-            return self.predict(None, timestep, batch.condition)
+        if self.schedule is None:
+            return self.predict(None, draws["timestep"], batch.condition)
         level = self.schedule[draws["timestep"]][:, None, None, None]
         noisy = level.sqrt() * batch.target + (1 - level).sqrt() * draws["noise"]
         return self.predict(noisy, draws["timestep"], batch.condition)

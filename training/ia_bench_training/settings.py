@@ -42,6 +42,8 @@ class TrainSettings:
             light and paint can share any colour.
         log_error: Weight in the loss of the logarithm of each component's error as it is scored, albedo after one factor.
             For regressors alone, since samples that aim at a score lose their spread.
+        noise_alone: Share of a diffusion model's images that it sees as the first step of a sample does: all noise. That step
+            alone has to tell light from paint, and is one of a thousand.
         precision: "bf16", "float32", or "auto", which is bf16 where the processor has it.
         compile: Whether the network is compiled for training; "auto": where there is a C++ compiler.
         threads: Threads of the CPU; None for torch's own choice.
@@ -72,6 +74,7 @@ class TrainSettings:
     background: UnitInterval = 0.1
     level: UnitInterval = 0.25
     log_error: NotNegative = 0.0
+    noise_alone: UnitInterval = 0.0
     precision: Literal["auto", "bf16", "float32"] = "auto"
     compile: bool | Literal["auto"] = "auto"
     threads: Number | None = None
@@ -87,6 +90,8 @@ class TrainSettings:
         steps, most = self.validation_sampler_steps, self.network.timesteps
         if self.network.kind == "diffusion" and steps > most:
             raise InputError(f"validation_sampler_steps: expected {most} or less, the timesteps of the network, found {steps}")
+        if self.noise_alone and self.network.kind != "diffusion":
+            raise InputError(f"noise_alone: expected 0 but for a diffusion model, found {self.noise_alone}")
         if self.log_error and self.network.kind == "diffusion":
             raise InputError(f"log_error: expected 0 but for a regressor, found {self.log_error}")
 
