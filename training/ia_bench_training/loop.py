@@ -144,9 +144,11 @@ class _Training:
             output = self._predicted(batch, draws)
         output = output.float()
         loss = weighted_error(output - batch.target, batch.masks, level=settings.level, background=settings.background)
-        if settings.log_error:
-            parts = zip(settings.network.components, output.split(3, 1), batch.target.split(3, 1), strict=True)
-            errors = [log_error(found, true, batch.masks, aligned=component == "albedo") for component, found, true in parts]
+        blind = draws["timestep"] == settings.network.timesteps - 1
+        if settings.log_error and bool(blind.any()):
+            found, true, masks = output[blind].split(3, 1), batch.target[blind].split(3, 1), batch.masks[blind]
+            parts = zip(settings.network.components, found, true, strict=True)
+            errors = [log_error(one, other, masks, aligned=component == "albedo") for component, one, other in parts]
             loss = loss + settings.log_error * torch.stack(errors).sum()
         self.accelerator.backward(loss)
         norm = self.accelerator.clip_grad_norm_(self.model.parameters(), settings.clip_gradient or math.inf)

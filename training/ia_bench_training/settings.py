@@ -41,7 +41,7 @@ class TrainSettings:
         level: Weight in the loss of an image's mean error. It is most of the error, and one image hardly tells it, because
             light and paint can share any colour.
         log_error: Weight in the loss of the logarithm of each component's error as it is scored, albedo after one factor.
-            For regressors alone, since samples that aim at a score lose their spread.
+            Of a diffusion model's images those alone that are all noise: samples that aim at a score lose their spread.
         noise_alone: Share of a diffusion model's images that it sees as the first step of a sample does: all noise. That step
             alone has to tell light from paint, and is one of a thousand.
         precision: "bf16", "float32", or "auto", which is bf16 where the processor has it.
@@ -92,8 +92,6 @@ class TrainSettings:
             raise InputError(f"validation_sampler_steps: expected {most} or less, the timesteps of the network, found {steps}")
         if self.noise_alone and self.network.kind != "diffusion":
             raise InputError(f"noise_alone: expected 0 but for a diffusion model, found {self.noise_alone}")
-        if self.log_error and self.network.kind == "diffusion":
-            raise InputError(f"log_error: expected 0 but for a regressor, found {self.log_error}")
 
     def identity(self) -> str:
         """Hash of what the weights depend on; a run resumes only where it is the same. It may go on with more ``steps``."""
