@@ -56,8 +56,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
     method: Method = method_of(config)
 
     problem = problem_of(config, scene, method.info, note=progress.note, costs=costs)
-    if problem.truth is None and "truth" not in problem.prior.info.wants:  # that of training views is shown to them alone
-        scene = replace(scene, train=tuple(replace(view, specular=None) for view in scene.train))
+    if problem.truth is None and "truth" not in problem.prior.info.wants:
+        scene = without_training_images(scene, problem.scene)
     return_memory()
 
     # ---- reconstruct -----------------------------------------------------------------------------------------
@@ -151,6 +151,18 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
         note=note,
         costs=costs,
     )
+
+
+def without_training_images(scene: Scene, given: Scene) -> Scene:
+    """``scene`` without the truth of its training views, and with the only copy of their images in ``given``, as methods have it.
+
+    Nothing scores or draws training images where there are test views; of 100 large ones each copy is a gigabyte.
+    """
+    bare = (replace(view, specular=None) for view in scene.train)
+    if not scene.test:
+        return replace(scene, train=tuple(bare))
+    pairs = zip(bare, given.train, strict=True)
+    return replace(scene, train=tuple(replace(view, image=other.image, mask=other.mask) for view, other in pairs))
 
 
 class RunMonitor:

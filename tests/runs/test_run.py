@@ -14,7 +14,7 @@ from ia_bench.priors import inputs
 from ia_bench.priors.diffusion import learned
 from ia_bench.readers.contract import NO_MESH
 from ia_bench.runs.composition import compose
-from ia_bench.runs.run import problem_of
+from ia_bench.runs.run import problem_of, without_training_images
 from ia_bench.runs.scene import tell
 from ia_bench.scenes.scene import Scene
 from ia_bench.scenes.turning import TurningLight
@@ -97,3 +97,15 @@ def test_a_mesh_that_was_made_is_not_said_to_be_missing(tiny: Scene, made: bool)
     tell(replace(tiny, notes=(NO_MESH, "another note"), mesh_is_made=made), said.append)
     assert said[0] == ("another note" if made else NO_MESH)
     assert "another note" in said
+
+
+def test_training_images_are_held_once_where_nothing_scores_them(tiny: Scene) -> None:
+    """Where there are test views; else pictures show training images, which are then the run's own."""
+    given = tiny.blind()
+    held, own = without_training_images(tiny, given), without_training_images(replace(tiny, test=(), novel=()), given)
+    for view, before, method_s, mine in zip(held.train, tiny.train, given.train, own.train, strict=True):
+        assert view.image is method_s.image
+        assert view.camera is before.camera is not method_s.camera
+        assert mine.image is before.image
+        assert view.specular is mine.specular is None
+    assert (held.test, held.novel, held.truth) == (tiny.test, tiny.novel, tiny.truth)

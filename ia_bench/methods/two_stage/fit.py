@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ia_bench.common.machine import return_memory
 from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import FitState, Monitor, PixelSamples, Problem, Regulariser, Result
 from ia_bench.methods.descent import Descent, Phase, Stateful, check_finite, check_gradients
@@ -49,6 +50,7 @@ class TwoStageFit:
         tensors = self.parameters.tensors
         self.descent = Descent(tensors, stages, seed=seed, monitor=monitor, start=self._start, beside=beside)
         self.descent.counters |= {"regularisers_clamped": 0, "scale_ambiguity_blocked_steps": 0}
+        return_memory()  # what preparing took
 
     def finish(self) -> Result:
         """Run the remaining steps and return what was recovered, unobserved texels filled from their neighbours.
