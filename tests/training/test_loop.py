@@ -101,11 +101,12 @@ def weights_of(folder):
 
 
 def test_a_resumed_run_ends_with_the_weights_of_an_uninterrupted_one(folders, tmp_path):
-    train(command(folders, tmp_path / "whole", "steps=4"))
+    given = "steps=4", "noise_alone=0.5", "log_error=0.01"
+    train(command(folders, tmp_path / "whole", *given))
     # Stopped by its time limit after the first step; the next command goes on.
-    train(command(folders, tmp_path / "parts", "steps=4", "minutes=0"))
+    train(command(folders, tmp_path / "parts", *given, "minutes=0"))
     assert json.loads((tmp_path / "parts/weights/prior.json").read_text())["provenance"]["steps"] == 1
-    train(command(folders, tmp_path / "parts", "steps=4"))
+    train(command(folders, tmp_path / "parts", *given))
     whole, parts = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
     for name, value in whole.items():
         assert torch.equal(value, parts[name]), name
@@ -151,6 +152,7 @@ def test_a_diffusion_model_starts_as_the_regressor_that_it_is_given(folders, tmp
     [
         ("init={start} network.tokens=32", "init"),
         ("init={start} network.kind=regressor", "expected a regressor"),
+        ("network.kind=regressor noise_alone=.5", "noise_alone: expected 0 but for a diffusion model"),
         ("mixture.meshes=.9", "mixture: expected none but for a world"),
     ],
 )

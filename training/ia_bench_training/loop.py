@@ -21,7 +21,7 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.diffusion.network import MaterialNetwork, answer_noise_as_without, load_network
+from ia_bench.priors.diffusion.network import FEATURES, MaterialNetwork, load_network
 from ia_bench_training.dataset import Batch, TrainingImages, drawn_by
 from ia_bench_training.losses import log_error, weighted_error
 from ia_bench_training.optimiser import MuonAdamW, split_weights
@@ -78,6 +78,24 @@ def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
     return trainee.figures if main else {}
 
 
+def start_as_regressor(network: MaterialNetwork, regressor: MaterialNetwork) -> None:
+    """Give a diffusion ``network`` the weights of a ``regressor`` of its shape, and of zero where it reads noise and its level.
+
+    Whatever noisy components it is given, it then answers as the regressor does, the mean of what is possible: an
+    estimate of the clean components from which training learns what noise adds.
+    """
+    state, noise = regressor.state_dict(), network.config.output_channels
+    told = regressor.unet.time_proj(torch.tensor([regressor.config.timesteps - 1]))  # the one level of which it has ever heard
+    weight = state["unet.time_embedding.linear_1.weight"]
+    state["unet.time_embedding.linear_1.bias"] = state["unet.time_embedding.linear_1.bias"] + weight @ told[0].to(weight)
+    state["unet.time_embedding.linear_1.weight"] = torch.zeros_like(weight)
+    folded = state["unet.conv_in.weight"]
+    state["unet.conv_in.weight"] = torch.cat([folded.new_zeros(len(folded), noise * network.config.fold**2, 3, 3), folded], 1)
+    full = state["head.enter.weight"]
+    state["head.enter.weight"] = torch.cat([full[:, :FEATURES], full.new_zeros(len(full), noise, 3, 3), full[:, FEATURES:]], 1)
+    network.load_state_dict(state)
+
+
 class _Training:
     """The state of one training run in one process."""
 
@@ -112,7 +130,7 @@ class _Training:
             if start.config.kind == settings.network.kind:
                 self.network.load_state_dict(start.state_dict())
             elif settings.network.kind == "diffusion":
-                answer_noise_as_without(self.network, start)
+                start_as_regressor(self.network, start)
             else:
                 raise InputError(f"init: {settings.init}: expected a regressor, found a diffusion network, whose inputs are more")
         self.schedule = None

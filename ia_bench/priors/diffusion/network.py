@@ -276,24 +276,6 @@ def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
     return network.eval().requires_grad_(False), provenance
 
 
-def answer_noise_as_without(network: MaterialNetwork, regressor: MaterialNetwork) -> None:
-    """Give a diffusion ``network`` the weights of a ``regressor`` of its shape, and of zero where it reads noise and its level.
-
-    Whatever noisy components it is given, it then answers as the regressor does, the mean of what is possible: an
-    estimate of the clean components from which training learns what noise adds.
-    """
-    state, noise = regressor.state_dict(), network.config.output_channels
-    told = regressor.unet.time_proj(torch.tensor([regressor.config.timesteps - 1]))  # the one level of which it has ever heard
-    weight = state["unet.time_embedding.linear_1.weight"]
-    state["unet.time_embedding.linear_1.bias"] = state["unet.time_embedding.linear_1.bias"] + weight @ told[0].to(weight)
-    state["unet.time_embedding.linear_1.weight"] = torch.zeros_like(weight)
-    folded = state["unet.conv_in.weight"]
-    state["unet.conv_in.weight"] = torch.cat([folded.new_zeros(len(folded), noise * network.config.fold**2, 3, 3), folded], 1)
-    full = state["head.enter.weight"]
-    state["head.enter.weight"] = torch.cat([full[:, :FEATURES], full.new_zeros(len(full), noise, 3, 3), full[:, FEATURES:]], 1)
-    network.load_state_dict(state)
-
-
 def modules_of(network: MaterialNetwork) -> dict[str, nn.Module]:
     """The parts of a network by the file that holds each."""
     return {name: getattr(network, part) for name, part in FILES.items()}
