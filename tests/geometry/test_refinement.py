@@ -15,8 +15,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.geometry import refinement
 from ia_bench.geometry.grid import DistanceGrid, extracted, normals_at
 from ia_bench.geometry.hull import visual_hull
-from ia_bench.geometry.marching import Rays
-from ia_bench.geometry.refinement import surface_from_images, turned_away
+from ia_bench.geometry.refinement import surface_from_images
 from ia_bench.geometry.sweep import (
     BLUR,
     FAR,
@@ -165,21 +164,6 @@ def test_of_two_starts_under_a_light_that_turns_the_better_one_is_taken(monkeypa
     right = visual_hull(balls, 32)
     misled, chosen = (surface_from_images(balls, 32, 8, turns=turns) for turns in (None, standing))
     assert float((chosen.values - right.values).abs().mean()) < 0.2 * float((misled.values - right.values).abs().mean())
-
-
-def test_the_price_of_normals_is_that_of_the_formula() -> None:
-    """Rays down onto a plane x = 5.2 gather its normal, -x: |n - n'|_1 + |1 - n . n'| by hand, 0 for what is not given."""
-    values = (5.2 - torch.arange(16.0))[:, None, None].expand(16, 16, 16).contiguous().requires_grad_()
-    straight, along = torch.tensor([[-1.0, 0, 0]]), torch.tensor([[1.0, 0.0, 0.0]])
-    rays = Rays(torch.tensor([[0.5, 7.3, 8.1]]), along, torch.zeros(1), torch.full((1,), 14.0))
-    tilted = torch.tensor([[-0.6, 0.8, 0.0]])
-    for given, expected in ((straight, 0.0), (tilted, 0.4 + 0.8 + 1 - 0.6), (0 * tilted, 0.0), (-straight, 2.0 + 2.0)):
-        assert float(turned_away(values.detach(), rays, given)) == pytest.approx(expected, abs=0.02)
-    turned_away(values, rays, tilted).backward()
-    flat = values.detach()
-    toward = flat + 0.02 * (torch.arange(16.0) - 7.3)[None, :, None]  # a plane whose normal is nearer to what is given
-    assert float((values.grad * (toward - flat)).sum()) < 0
-    assert turned_away(toward, rays, tilted) < turned_away(flat, rays, tilted)
 
 
 def test_few_or_black_photographs_are_refused(views: list[View]) -> None:

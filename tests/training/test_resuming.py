@@ -53,7 +53,7 @@ def test_a_state_comes_back_to_the_run_that_left_it(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"state\.pt: expected the state of a training run, found a file that cannot be read"):
         load_state(folder, "mine")
     torch.save([1, 2, 3], folder / STATE)
-    with pytest.raises(InputError, match=r"state\.pt: expected format 4, found None; choose another out=FOLDER"):
+    with pytest.raises(InputError, match=r"state\.pt: expected format 5, found None; choose another out=FOLDER"):
         load_state(folder, "mine")
 
 

@@ -44,7 +44,7 @@ def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
     assert problem.truth is None
     assert (problem.scene.truth, problem.scene.test, problem.scene.novel) == (None, (), ())
     assert {view.albedo is None and view.specular is None for view in problem.scene.train} == {True}
-    assert not {"stage", "plan", "gbuffer", "renderer", "prior"} & vars(problem).keys() - {"stage"}  # nothing is made unasked
+    assert not {"stage", "plan", "gbuffer", "renderer"} & vars(problem).keys() - {"stage"}  # nothing is made unasked
     assert isinstance(problem.prior, NoPrior)
 
 
