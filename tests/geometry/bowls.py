@@ -50,8 +50,8 @@ def bowl_view(number: int, camera: Camera, fineness: float, turn: np.ndarray | N
     halfway /= np.linalg.norm(halfway, axis=-1, keepdims=True)
     shine = 0.3 * np.maximum((normals * halfway).sum(-1), 0) ** 20
     radiance = np.where(hit[..., None], paint(points, fineness) * lit[..., None] + shine[..., None], 0)
-    image, mask, normal_truth = (part.mean(2).astype(np.float32) for part in (radiance, hit, np.where(hit[..., None], normals, 0)))
-    return View(f"{number:02d}", camera, image, mask, normal=normal_truth)
+    image, mask = (part.mean(2).astype(np.float32) for part in (radiance, hit))
+    return View(f"{number:02d}", camera, image, mask)
 
 
 def bowl_views(count: int, side: int, fineness: float = 9.0) -> list[View]:
