@@ -92,7 +92,7 @@ def expect_memory(setting: str, needed: float, device: str = "cpu") -> None:
 
 def return_memory() -> None:
     """Give what this process has freed back to the system, which the C library of Linux keeps in between what is in use."""
-    with suppress(OSError, AttributeError):  # of another library, which has no such function
+    with suppress(OSError, AttributeError, TypeError):  # of another system, whose library has no such function
         ctypes.CDLL(None).malloc_trim(0)
 
 
