@@ -155,7 +155,7 @@ def _table_in(path: Path, what: str, parse: Callable[[str], object]) -> dict[str
         raise InputError(f"{shown(path)}: no such file{_unless_absent(error)}") from None
     try:
         content = parse(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: also of a date that does not exist
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise InputError(f"{shown(path)}: not valid {what} ({_reason(error)})") from None
     if not isinstance(content, dict):
         kind = "JSON object" if what == "JSON" else "YAML table"
