@@ -40,13 +40,13 @@ from ia_bench.runs.relighting import Background, draw, frames_of
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr, read_light
 from ia_bench.scenes.scene import Camera, Scene
-from ia_bench.scores.metrics import METRICS
+from ia_bench.scores.metrics import MEASURED
 from ia_bench.scores.scorer import Scorer
 
 Light: TypeAlias = str | Path | np.ndarray
 Scored: TypeAlias = dict[str, dict[str, float | None]]
 """Component -> metric -> mean, as metrics.json has them."""
-SHOWN = ("row", "scene", "seed", "protocol", "capture", *(metric.column for metric in METRICS), "seconds", "problem")
+SHOWN = ("row", "scene", "seed", "protocol", "capture", *(metric.column for metric in MEASURED), "seconds", "problem")
 """Columns of :func:`table`, in their order."""
 
 

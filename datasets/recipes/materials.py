@@ -1,4 +1,4 @@
-"""Baking the modelled materials to two textures, and the one material that Cycles then renders with."""
+"""Baking the modelled materials to two textures, three where there is metal, and the one material that Cycles then renders with."""
 
 import contextlib
 from pathlib import Path

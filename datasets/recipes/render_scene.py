@@ -98,7 +98,7 @@ def make_lights(recipe: Recipe, out: Path) -> dict[str, Path]:
 
 
 def load(recipe: Recipe, out: Path, lights: dict[str, Path], threads: int) -> SplitRenderer:
-    """Renderer of exactly what the scene folder holds: mesh.ply, the two textures, the lights."""
+    """Renderer of exactly what the scene folder holds: mesh.ply, its textures, the lights."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     item = to_blender(read_ply(out / "mesh.ply"))
     item.data.materials.append(textured_material(out / "truth"))

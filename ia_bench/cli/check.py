@@ -12,6 +12,7 @@ from ia_bench.common.arguments import value_of
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import FAULT, OK, command, say
 from ia_bench.common.machine import settle_libraries
+from ia_bench.common.paths import make_writable
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import expect_outside, method_of, slug
 
@@ -150,7 +151,10 @@ def _check_reader(arguments: Sequence[str]) -> Checked:
     open_scene(config.scene, config.reader)  # as in _maker
     sheets = [text.partition("=")[2] for text in arguments if text.startswith("sheet=")]
     place = Path((*sheets, f"runs/contact_sheets/{slug(config.scene.name)}.png")[0])
+    if not place.name:
+        raise InputError("sheet=: expected the name of a picture, found none")
     expect_outside("sheet", place, config.scene, config.reader)
+    make_writable(place.parent, "sheet")
     what = f"reader {config.reader.name} ({config.reader.target}) on scene {config.scene.name}"
     return what, check_reader(lambda: open_scene(config.scene, config.reader), place)
 

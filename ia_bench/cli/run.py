@@ -61,7 +61,7 @@ def _work(arguments: list[str]) -> int:
 
 def _expect_setting(text: str, after: Sequence[str]) -> None:
     """Raise InputError, with what to write instead, for an argument that is no SETTING=VALUE; ``after``: the next one."""
-    name = text.lstrip("-")
+    name = text.lstrip("-+~")
     if text in ("-m", "--multirun"):
         raise InputError(f"{text}: expected one run, found a sweep: a table is many, ia-bench table --help")
     if name.startswith("hydra"):

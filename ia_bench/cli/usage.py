@@ -53,8 +53,8 @@ def usage() -> str:
     """The help text, with names of built-in and installed choices. Nothing is imported."""
     lines = []
     for group in GROUPS:
-        label = group if group == "regulariser" else f"{group}="  # which is no setting of its own
-        lines.append(fill(" ".join(_choices(group)), 116, initial_indent=f"  {label:<14}", subsequent_indent=" " * 16) + "\n")
+        label = f"  {_label(group):<14}"
+        lines.append(fill(" ".join(_choices(group)), 116, initial_indent=label, subsequent_indent=" " * 16) + "\n")
     return TEXT.format(choices="".join(lines))
 
 
@@ -62,11 +62,15 @@ def choices() -> str:
     """Every group, and every name in it with its line of description."""
     lines = []
     for group, line in GROUPS.items():
-        lines.append(f"{group + '=':<20}{line}")
+        lines.append(f"{_label(group):<20}{line}")
         for name, about in _choices(group).items():
             lines.append(fill(f"{name:<17} {about}", 118, initial_indent=" " * 2, subsequent_indent=" " * 20))
         lines.append("")
     return "\n".join(lines)
+
+
+def _label(group: str) -> str:
+    return group if group == "regulariser" else f"{group}="  # which is no setting of its own
 
 
 def _choices(group: str) -> dict[str, str]:

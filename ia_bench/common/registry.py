@@ -31,7 +31,7 @@ from ia_bench.common.errors import Fault, InputError, PluginError, place_of, rai
 from ia_bench.common.exit_codes import streams_kept
 from ia_bench.common.files import hash_of_files, read_yaml
 from ia_bench.common.paths import conf_folder
-from ia_bench.common.settings import check_arguments
+from ia_bench.common.settings import arguments_for
 
 Kind = Literal["prior", "coupling", "regulariser", "method", "reader"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -201,7 +201,7 @@ def create(kind: Kind, name: str, target: str, options: Mapping[str, Any], *give
     value, naming the closest option, for a value that its annotation does not take, and for what is raised inside the call.
     """
     factory = load(named(kind, name, target))
-    check_arguments(factory, options, f"{kind}.options", len(given))
+    arguments_for(factory, options, f"{kind}.options", len(given))
     with at_work(kind, name):
         return factory(*given, **options)
 

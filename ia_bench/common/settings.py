@@ -85,23 +85,24 @@ def check_fields(instance: object, who: str) -> None:
             raise PluginError(f"{who}{name}: expected {expected}, found {value!r:.100}") from None
 
 
-def check_arguments(factory: Callable[..., Any], options: Mapping[str, Any], key: str, given: int = 0) -> None:
-    """Raise InputError like :func:`parsed` unless ``options`` fit the keyword parameters of ``factory`` after the ``given`` ones.
+def arguments_for(factory: Callable[..., Any], options: Mapping[str, Any], key: str, given: int = 0) -> dict[str, Any]:
+    """``options`` as the keyword parameters of ``factory`` after the ``given`` ones take them: a 1 is 1.0 where that is a float.
 
-    Parameters without an annotation that can be told take everything.
+    Raises InputError like :func:`parsed` where they do not fit; parameters without an annotation that can be told take everything.
     """
     fields, adapter = _fields_of(factory, given)
     if adapter is None:
-        return
+        return dict(options)
     missing = [name for name, (_, default) in fields.items() if default is ... and name not in options]
     if missing and options.keys() <= fields.keys():  # a name that is none is likely to be meant for the one that is missing
         raise InputError(f"{key}: expected {', '.join(f'{key}.{name}=...' for name in missing)}, found none")
-    _checked(adapter, fields, options, key)
+    made = adapter.dump_python(_checked(adapter, fields, options, key), mode="json", warnings=False)
+    return {name: made[name] for name in options}
 
 
 @functools.cache
 def _fields_of(factory: Callable[..., Any], given: int) -> tuple[dict[str, Any], TypeAdapter[Any] | None]:
-    """Type and default of each parameter of :func:`check_arguments`, and what checks them; None where everything is taken."""
+    """Type and default of each parameter of :func:`arguments_for`, and what checks them; None where everything is taken."""
     parameters = list(inspect.signature(factory).parameters.values())[given:]
     if any(p.kind is p.VAR_KEYWORD for p in parameters):
         return {}, None
@@ -122,7 +123,7 @@ def _fields_of(factory: Callable[..., Any], given: int) -> tuple[dict[str, Any],
                 hint = Any
             optional = hint | None if p.default is None and hint is not Any else hint  # which annotations often leave out
             fields[p.name] = (optional, ... if p.default is p.empty else p.default)
-    parts = [(name, kind, None) for name, (kind, _) in fields.items()]  # check_arguments asks for what has to be given
+    parts = [(name, kind, None) for name, (kind, _) in fields.items()]  # arguments_for asks for what has to be given
     made = dataclasses.make_dataclass("Options", parts, namespace={"__pydantic_config__": STRICT})  # models keep some names
     return fields, TypeAdapter(made)
 

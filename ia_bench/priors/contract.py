@@ -76,6 +76,7 @@ class Observations:
             none; not premultiplied. None likewise.
         truth: Component -> (V, H, W, 3), ground truth, only for a prior that wants it.
         names: What the scene calls the views, None for pictures that are no views of a scene.
+        sizes: (height, width) of the photographs, where images are these with black added at the right and at the bottom.
     """
 
     images: Tensor
@@ -86,6 +87,7 @@ class Observations:
     view_count: Tensor | None = None
     truth: Mapping[str, Tensor] | None = None
     names: tuple[str, ...] | None = None
+    sizes: tuple[tuple[int, int], ...] | None = None
 
     def copy(self) -> Observations:
         """The same in memory of its own."""
@@ -95,7 +97,8 @@ class Observations:
         """Some of the images, in the order of ``rows``."""
         views = self.views and tuple(self.views[row] for row in rows)
         names = self.names and tuple(self.names[row] for row in rows)
-        return replace(self.each(lambda tensor: tensor[rows]), views=views, names=names)
+        sizes = self.sizes and tuple(self.sizes[row] for row in rows)
+        return replace(self.each(lambda tensor: tensor[rows]), views=views, names=names, sizes=sizes)
 
     def each(self, change: Callable[[Tensor], Tensor]) -> Observations:
         """The same with every tensor (V, ...) changed."""

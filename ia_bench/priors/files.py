@@ -36,6 +36,7 @@ from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Sample
 from ia_bench.priors.diffusion.encoding import Frame, exposure, resized, window
 from ia_bench.readers.pictures import SUFFIXES
 from ia_bench.scenes.color import srgb_to_linear
+from ia_bench.scenes.exr import expect_size_to_read
 from ia_bench.scenes.images import display
 from ia_bench.scenes.photograph import read_stored
 from ia_bench.scenes.scene import View
@@ -174,7 +175,8 @@ class FilesPrior:
                     f"found none of {len(missing)} of {len(names)}: {some} (and {self._all(stored)[0].name} among others)"
                 )
             drawn = [paths[derive_seed(seed, "files", name) % len(paths)] for name, paths in found.items()]
-            rows = [self._view(component, *each) for each in zip(names, drawn, observations.masks, strict=True)]
+            sizes = observations.sizes or [tuple(observations.masks.shape[1:])] * len(names)
+            rows = [self._view(component, *each) for each in zip(names, drawn, observations.masks, sizes, strict=True)]
             values[component] = torch.stack(rows) if rows else observations.images.clone()
         if "specular" not in values or self._stored["specular"].encoding == "linear":
             return Samples(values)
@@ -209,16 +211,20 @@ class FilesPrior:
         return samples or found
 
     # ---------------------------------------------------------------- what is in it
-    def _view(self, component: str, name: str, path: Path, mask: Tensor) -> Tensor:
-        """The prediction in a picture at the size of its view (H, W, 3), premultiplied by ``mask`` (H, W)."""
+    def _view(self, component: str, name: str, path: Path, mask: Tensor, size: tuple[int, ...]) -> Tensor:
+        """The prediction in a picture at the size of its view (H, W, 3), premultiplied by ``mask`` (H, W).
+
+        A picture of which nothing is said shows the photograph, of that ``size`` (height, width).
+        """
         (height, width), about = mask.shape, self._views.get(name, PictureOf())
         if about.size is not None and about.size != (width, height):
             said = f"{about.size[0]} x {about.size[1]} pixels"
             raise InputError(f"{self._folder / ABOUT}: expected view {name} with {said}, found {width} x {height}: another capture")
-        left, top, across, down = about.box or (0, 0, width, height)
+        left, top, across, down = about.box or (0, 0, *((width, height) if about.size else size[::-1]))
         if left >= width or top >= height or min(left + across, top + down) <= 0:
             raise InputError(f"{self._folder / ABOUT}: views.{name}.box: expected a part of {width} x {height}, found {about.box}")
         stored, share = _read(path)
+        expect_size_to_read(path, across, down)  # which is what it is enlarged to
         if abs(stored.shape[1] * down / (stored.shape[0] * across) - 1) > max(ASPECT, 1 / min(stored.shape[:2])):
             found = f"{stored.shape[1]} x {stored.shape[0]}"
             raise InputError(

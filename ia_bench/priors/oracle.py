@@ -58,7 +58,10 @@ class OraclePrior:
         self.info = PriorInfo(provides, stochastic, guidable=True, sees_truth=True, wants=wants, coupling="targets")
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
-        """See :meth:`ia_bench.priors.contract.Prior.sample`. An image's draw is seeded by its place among the others."""
+        """See :meth:`ia_bench.priors.contract.Prior.sample`. An image's draw is seeded by its place among the others.
+
+        So here it does depend on which images are beside it; no other run asks about them in another order.
+        """
         truths, guidance = observations.truth or {}, guidance or {}
         values = {}
         for number, component in enumerate(COMPONENTS):

@@ -37,6 +37,7 @@ class FolderReader:
     """A reader of the folder ``path``. A format is a subclass: its own options are fields, and ``read`` returns a Scene.
 
     Attributes:
+        elsewhere: The options that name a file or folder as the command line does; those of all others lie below ``path``.
         path: The folder that ``scene.path`` names.
         mesh: A mesh file, for datasets that have none or another one; None takes the folder's own.
         uv: "mesh" uses the texture coordinates of the mesh file, "xatlas" makes new ones.
@@ -45,6 +46,7 @@ class FolderReader:
     """
 
     format: ClassVar[str]
+    elsewhere: ClassVar[tuple[str, ...]] = ("mesh", "lights")
     path: Path | None = field(kw_only=False)
     mesh: str | None = None
     uv: Literal["mesh", "xatlas"] = "mesh"
@@ -74,10 +76,10 @@ class FolderReader:
 
     def files(self) -> list[Path]:
         """The files that decide what is read, in order: those of :meth:`places`, and those that options name and their buffers."""
-        given = [getattr(self, option, None) for option in ("mesh", "lights")]
+        given = [getattr(self, option, None) for option in self.elsewhere]
         named = [Path(text).expanduser().absolute() for text in given if text is not None]
         named += [buffer for path in named for buffer in named_by_gltf(path, "buffers")]
-        below = [self.folder / folder for option in ("images", "masks") if (folder := getattr(self, option, None))]  # or elsewhere
+        below = [self.folder / folder for option in ("images", "masks") if (folder := getattr(self, option, None))]
         found = {path for place in (*self.places(), *below, *named) for path in files_below(place)}
         return sorted(path for path in found if path in named or path.suffix.lower() in DATA)
 

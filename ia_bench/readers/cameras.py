@@ -1,7 +1,8 @@
 """Cameras of other conventions in ours, and the JSON that they are read from, each mistake in one sentence that names file and key.
 
 Ours (:class:`ia_bench.scenes.scene.Camera`) is OpenGL's camera-to-world: -z is seen, +y is up, and the centre of the first pixel
-is at (0.5, 0.5). OpenCV's camera sees +z and has +y down; calibrated principal points count from the centre of the first pixel.
+is at (0.5, 0.5). OpenCV's camera sees +z and has +y down; its principal points, as in DTU's matrices, count from
+the centre of the first pixel.
 """
 
 from __future__ import annotations

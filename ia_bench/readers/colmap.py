@@ -75,10 +75,8 @@ class ColmapReader(UnsplitReader):
         self, name: str, number: int, pose: tuple[float, ...], sensor: int, sensors: Mapping[int, Sensor], notes: list[str]
     ) -> View:
         folder, where, about = self.folder, f"{self.folder}: sparse model: image {number}", f"camera {sensor} of the sparse model"
-        path, masks = file_below(folder, f"{self.images}/{name}", where), folder / self.masks
-        photo = photograph(
-            path, mask_beside(masks / Path(name).parent, path) if masks.is_dir() else None, notes, masks / Path(name).parent
-        )
+        path, masks = file_below(folder, f"{self.images}/{name}", where), (folder / self.masks / name).parent
+        photo = photograph(path, mask_beside(masks, path) if (folder / self.masks).is_dir() else None, notes, masks)
         if sensor not in sensors:
             raise InputError(f"{where}: expected {about}, found none")
         model, width, height, parameters = sensors[sensor]
@@ -141,7 +139,8 @@ def _text_images(content: bytes) -> list[Posed]:
         if line.strip() and not line.startswith("#"):
             number, *pose, sensor, name = line.strip().split(maxsplit=9)
             images.append((name, int(number), tuple(map(float, pose)), int(sensor)))
-            if len(pose) != 7 or len(next(lines, "").split()) % 3:
+            points = [*map(float, next(lines, "").split())]  # numbers, and so not the next photograph
+            if len(pose) != 7 or len(points) % 3:
                 raise ValueError(name)
     return images
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -50,7 +51,8 @@ class SceneReader(Protocol):
     Python goes past that check.
 
     A reader may also have ``label``, what tables call the scene (by default the folder's name), and ``files()``, the list of all
-    files that it may read: runs are known by the content of these, or else by that of everything below ``path``.
+    files that it may read: runs are known by the content of these, or else by that of everything below ``path``. Of its options
+    those that it lists in ``elsewhere`` name files and folders as a command line does; without such a list any may.
     """
 
     def read(self, truth: bool) -> Scene:
@@ -89,6 +91,8 @@ def check_scene(scene: object, *, truth: bool) -> Scene:
         for view in getattr(scene, split):
             where = f"{scene.source}: {split} view {shown(getattr(view, 'name', view))}"
             _check_view(where, view, truth)
+            for name in (view.name, view.light):
+                _check_name(where, name)
             if split != "novel" and view.light != "train":
                 raise InputError(f"{where}: expected the training light, which is called 'train', found {shown(repr(view.light))}")
     if scene.truth is None:
@@ -97,6 +101,7 @@ def check_scene(scene: object, *, truth: bool) -> Scene:
         raise InputError(f"{scene.source}: expected no truth, which was not asked for, found some")
     for name, light in scene.truth.lights.items():
         where, height = f"{scene.source}: light {shown(name)}", light.shape[0] if light.ndim == 3 else 0
+        _check_name(where, name)
         _check_array(where, light, (height, 2 * height, 3), 0, BRIGHTEST, slack=0)
         if not light.any():
             raise InputError(f"{where}: expected radiance above 0 somewhere, found none")
@@ -146,6 +151,12 @@ def unscored(scene: Scene, *, aligned: bool = True) -> dict[str, str]:
     elif aligned and "albedo" in lacking:
         lacking["relighting"] = f"relit albedo is aligned to the truth first, and {lacking['albedo']}"
     return lacking
+
+
+def _check_name(where: str, name: object) -> None:
+    """Files are called by the names of views and lights: raise InputError for what is none, or leads out of a folder."""
+    if not isinstance(name, str) or not name or Path(name).is_absolute() or ".." in Path(name).parts:
+        raise InputError(f"{where}: expected a name by which files below a folder can be called, found {shown(repr(name))}")
 
 
 def _check_view(where: str, view: object, truth: bool) -> None:

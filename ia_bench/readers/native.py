@@ -15,7 +15,16 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json, shown
 from ia_bench.geometry.mesh import load_mesh
-from ia_bench.readers.cameras import camera, expect_size_of, frames_if_there, frames_of, text
+from ia_bench.readers.cameras import (
+    NamedFrame,
+    camera,
+    expect_each_once,
+    expect_size_of,
+    frames_if_there,
+    frames_of,
+    photographs,
+    text,
+)
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS
 from ia_bench.readers.lenses import Lens, lens
 from ia_bench.scenes.color import srgb_to_linear
@@ -62,14 +71,19 @@ class NativeReader:
         if os.path.lexists(folder / MESH):  # a link that leads nowhere is a mistake, not a scene without a mesh
             mesh, notes = load_mesh(path := file_below(folder, MESH, str(folder)), uv=self._uv)
         rung = Counter[str]()
-        views = {split: self._views(split, truth, rung) for split in SPLITS}
+        frames = {split: self._frames(split) for split in SPLITS}
+        for split in ("test", "novel"):  # which may name the same ones
+            expect_each_once(photographs([*frames["train"], *frames[split]]))
+        views = {
+            split: tuple(_without_ringing(self._view(*frame, truth), rung) for frame in named) for split, named in frames.items()
+        }
         if not views["train"]:
             raise InputError(f"{folder / 'transforms_train.json'}: a scene needs at least one training view")
         for split, count in description.get("splits", {}).items():
-            frames = views.get(split, ())
-            cameras = len({view.camera.to_world.tobytes() for view in frames})  # each may see the object under several lights
-            if count not in (len(frames), cameras):
-                raise InputError(f"{folder / DESCRIPTION}: splits: expected {count!r} {split} views, found {len(frames)}")
+            there = views.get(split, ())
+            cameras = len({view.camera.to_world.tobytes() for view in there})  # each may see the object under several lights
+            if count not in (len(there), cameras):
+                raise InputError(f"{folder / DESCRIPTION}: splits: expected {count!r} {split} views, found {len(there)}")
         notes += tuple(f"{RINGING[name]}: {count} {RANG}" for name, count in sorted(rung.items()) if count)
         known = self._truth(description) if truth else None
         if known is not None and mesh is not None and self._uv == "xatlas" and description.get("truth_textures"):
@@ -90,10 +104,9 @@ class NativeReader:
             novel=views["novel"],
         )
 
-    def _views(self, split: str, truth: bool, rung: Counter[str]) -> tuple[View, ...]:
+    def _frames(self, split: str) -> list[NamedFrame]:
         path = self._folder / f"transforms_{split}.json"
-        frames = frames_of(path) if split == "train" else frames_if_there(path)
-        return tuple(_without_ringing(self._view(where, frame, truth), rung) for where, frame in frames)
+        return frames_of(path) if split == "train" else frames_if_there(path)
 
     def _view(self, where: str, frame: Mapping[str, Any], truth: bool) -> View:
         path = file_below(self._folder, frame.get("file_path"), f"{where}: file_path")

@@ -51,7 +51,10 @@ class NeilfReader(FolderReader):
         middle, size = box[:3, 3], float(np.abs(np.diag(box)[:3]).max()) / 2
         if not size > 0:
             raise InputError(f"{path}: bbox.transform: expected a box with a size, found {np.diag(box)[:3].tolist()}")
-        keys = sorted((key for key in _at(path, content, "image_path", "file_paths") if str(key).isdecimal()), key=int)
+        paths = _at(path, content, "image_path", "file_paths")
+        if not isinstance(paths, dict):
+            raise InputError(f"{path}: image_path.file_paths: expected an object, found {type(paths).__name__}")
+        keys = sorted((key for key in paths if key.isdecimal()), key=int)
         held_out = {place % len(keys) for place in self.validation} if keys else set()
 
         def views(places: Sequence[int]) -> Iterator[View]:

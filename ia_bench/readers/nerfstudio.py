@@ -58,6 +58,7 @@ class NerfstudioReader(UnsplitReader):
         told = any("exposure" in frame for _, frame in (*training, *held_out))
         train = [self._view(*frame, notes, sizes, masks, told) for frame in training]
         test = [self._view(*frame, notes, sizes, masks, told) for frame in self.kept(held_out)]
+        expect_each_once((str(self.folder), view.name) for view in (*train, *test))  # paths may name one in two ways
         return self.scene(train=train, test=test, novel=test, notes=notes)
 
     def _splits(self, notes: list[str]) -> tuple[list[NamedFrame], list[NamedFrame]]:
@@ -111,11 +112,12 @@ class NerfstudioReader(UnsplitReader):
     ) -> View:
         """The view of a frame; ``masks``: of which photograph each is; ``told``: exposures are those of frames, and not of EXIF."""
         path = picture_below(self.folder, frame.get("file_path"), f"{where}: file_path")
-        if not path.is_relative_to(self.folder):  # an absolute path may lead into the folder through a link
-            path = self.folder / path.resolve().relative_to(self.folder.resolve())
-        name = Path(plain(path.relative_to(self.folder)))
+        name = path.relative_to(self.folder) if path.is_relative_to(self.folder) else Path("..")
+        if ".." in name.parts:  # it leads out of the folder and back; an absolute one may do so through a link
+            name = path.resolve().relative_to(self.folder.resolve())
+            path = self.folder / name
         mask = self._mask(where, name, frame)
-        if mask is not None and "mask_path" not in frame and masks.setdefault(mask, plain(name)) != plain(name):
+        if mask is not None and "mask_path" not in frame and masks.setdefault(mask, str(name)) != str(name):
             own = self.folder / self.masks / name.parent / f"{name.stem}.png"
             raise InputError(
                 f"{mask}: expected the mask of one photograph, found it for {masks[mask]} and {name}; there is no {own}"

@@ -17,7 +17,7 @@ import numpy as np
 from PIL import ExifTags, Image
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import file_below, user_path
+from ia_bench.common.files import file_below, is_file, user_path
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_light
 from ia_bench.scenes.photograph import IGNORED, REDUCED, expect_size, read_mask, read_photograph, read_values
@@ -55,9 +55,9 @@ def pictures_in(folder: Path) -> list[Path]:
 
 def picture_below(folder: Path, name: object, where: str) -> Path:
     """The picture below ``folder`` that ``name`` means, with or without its suffix. Raises InputError naming ``where``."""
-    if isinstance(name, str) and name and not (folder / name).is_file():
+    if isinstance(name, str) and name and not is_file(folder / name):
         for suffix in (*SUFFIXES, *map(str.upper, SUFFIXES)):
-            if (folder / f"{name}{suffix}").is_file():
+            if is_file(folder / f"{name}{suffix}"):
                 return file_below(folder, f"{name}{suffix}", where)
     return file_below(folder, name, where)
 
@@ -80,7 +80,11 @@ def masks_of(folder: Path, photos: Sequence[Path], notes: list[str]) -> list[Pat
     if not any(mask_named(folder, photo) for photo in photos) and len(masks := pictures_in(folder)) == len(photos):
         notes.append(f"masks belong to photographs by their order: {masks[0].name} is that of {photos[0].name}")
         return [*masks]
-    return [mask_beside(folder, photo) for photo in photos]
+    masks = [mask_beside(folder, photo) for photo in photos]
+    if len(set(masks)) < len(masks):
+        twice = next(mask for mask in masks if masks.count(mask) > 1)
+        raise InputError(f"{twice}: expected the mask of one photograph, found it for {masks.count(twice)} of one name")
+    return [*masks]
 
 
 def mask_named(folder: Path, photo: Path) -> Path | None:
@@ -89,7 +93,7 @@ def mask_named(folder: Path, photo: Path) -> Path | None:
     The suffix may be in upper case.
     """
     names = f"{photo.stem}.png", f"{photo.name}.png", photo.name, f"{photo.stem}.PNG", f"{photo.name}.PNG"
-    return next((path for name in names if (path := folder / name).is_file()), None)
+    return next((path for name in names if is_file(path := folder / name)), None)
 
 
 # ---------------------------------------------------------------- photographs
@@ -198,11 +202,13 @@ def masked_normal(normal: np.ndarray, mask: np.ndarray) -> np.ndarray:
 def maps_below(folder: str | None, novel: Sequence[View], notes: list[str], own: str, strength: float = 1.0) -> Truth:
     """The maps of all lights that ``reader.options.lights`` holds as NAME.exr or NAME.hdr; ``notes`` are told of the rest.
 
-    Those are the training light, called ``own`` ("" for none) and multiplied by ``strength``, and the lights of ``novel`` views.
+    Those are the training light, called ``own`` ("" for none) and multiplied by ``strength``, and the lights of ``novel`` views,
+    one of which may be called as it is.
 
     Raises InputError for a folder that is not there, or that holds none of them.
     """
-    wanted = [*([own] if own else []), *sorted({view.light for view in novel} - {"train", own})]
+    others = {view.light for view in novel} - {"train"}
+    wanted = [*([own] if own else []), *sorted(others - {own})]
     if folder is None:
         notes += ["no environment maps: reader.options.lights names no folder, so nothing can be relit"] if wanted else []
         return Truth({})
@@ -212,8 +218,9 @@ def maps_below(folder: str | None, novel: Sequence[View], notes: list[str], own:
     if missing and not files:
         raise InputError(f"{place}: expected environment maps {missing} (.exr or .hdr), found none of them")
     notes += [f"no environment map of {missing} in {place}"] if missing else []
-    lights = {"train" if name == own else name: read_light(path) for name, path in files.items()}
-    if "train" in lights and strength != 1:
+    maps = {name: read_light(path) for name, path in files.items()}
+    lights = {}
+    if own in maps:
         with np.errstate(over="ignore"):  # which the check of a scene's lights refuses
-            lights["train"] = (strength * lights["train"]).astype(np.float32)
-    return Truth(lights)
+            lights["train"] = (strength * maps[own]).astype(np.float32)
+    return Truth(lights | {name: radiance for name, radiance in maps.items() if name in others})

@@ -20,7 +20,7 @@ from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.files import file_below
 from ia_bench.light.environment import turned
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import NamedFrame, camera, frames_if_there, frames_of, text
+from ia_bench.readers.cameras import NamedFrame, camera, expect_each_once, frames_if_there, frames_of, photographs, text
 from ia_bench.readers.contract import MESHES
 from ia_bench.readers.pictures import masked_normal, photograph, true_map
 from ia_bench.scenes.exr import read_light
@@ -81,11 +81,11 @@ class StanfordOrbReader(FolderReader):
     def read(self, truth: bool) -> Scene:
         """The capture; pseudo truth, scanned geometry and lights of other captures only with ``truth``. Raises InputError."""
         notes, own = list[str](), self._place / self.label
-        train = [self.view(self._view(self.label, *frame, notes)) for frame in frames_of(own / "transforms_train.json")]
+        training, others = (frames_of(own / f"transforms_{split}.json") for split in ("train", "test"))
+        expect_each_once(photographs([*training, *others]))
+        train = [self.view(self._view(self.label, *frame, notes)) for frame in training]
         seen, test, albedo = list[View](), list[View](), self._truths / self.label / "pseudo_gt_albedo"
-        held_out = [
-            (frame, Path(text(*frame, "file_path", "")).name) for frame in self.kept(frames_of(own / "transforms_test.json"))
-        ]
+        held_out = [(frame, Path(text(*frame, "file_path", "")).name) for frame in self.kept(others)]
         tested = self.with_true_albedo(held_out, *(lambda one, end=end: albedo / f"{one[1]}{end}" for end in (".png", ".npy")))
         for one in held_out:
             view = self._view(self.label, *one[0], notes)

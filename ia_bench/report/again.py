@@ -58,7 +58,10 @@ def overrides_of(run: Record) -> list[str]:
         raise InputError("its runs.csv does not hold the command line, as a report of this version does")
     if run.get("rescored_from_config_hash"):
         raise InputError(f"it was scored again, under {run.get('protocol')}, which its command line does not do")
-    overrides = shlex.split(run["command"])
+    try:
+        overrides = shlex.split(run["command"])
+    except ValueError as error:
+        raise InputError(f"its command cannot be read ({error})") from None
     if run.get("threads") and not any(text.startswith("threads=") for text in overrides):
         overrides.append(f"threads={run['threads']}")
     return overrides

@@ -214,7 +214,7 @@ def read_published(path: Path) -> list[Record]:
 def _published(where: str, line: Mapping[str, str]) -> Record:
     found: Record = {"sees_truth": False}
     for column, text in line.items():
-        if text != "" and column not in ("status", "reason", *KEPT):
+        if text != "" and column not in ("status", "reason", "problem", *KEPT):
             value, expected = _value_of(column, text)
             if value is None and expected:
                 raise InputError(f"{where}, {column}: expected {expected}, found {shown(repr(text))}")

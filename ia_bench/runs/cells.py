@@ -170,6 +170,8 @@ def make_cells(
             if broken is None:
                 raise
             broken(f"{row.name}: left out: {error}")
+        except InputError as error:
+            raise InputError(f"row {row.name!r}: {error}") from None
     if not cells:
         raise InputError(f"table {request.name}: expected at least one row and one scene, found none")
     first: dict[Path, Cell] = {}
@@ -226,7 +228,11 @@ def folders_with_cells(paths: Sequence[Path], note: Callable[[str], object]) -> 
         note(f"{path}: passed over, since it is a file and no folder with runs")
     found: dict[Path, tuple[str, str, int] | None] = dict.fromkeys(find_run_folders(*roots))
     for results in sorted({path.parent for root in roots for path in root.rglob(CELLS)}):
-        cells = {cell.folder: cell.labels for cell in read_cells(results).cells}
+        try:
+            cells = {cell.folder: cell.labels for cell in read_cells(results).cells}
+        except InputError as error:
+            note(f"{error}: passed over")
+            continue
         others = [found.pop(folder) for folder in list(found) if folder.is_relative_to(results) and folder not in cells]
         if others:
             many = f"{len(others)} {'run is' if len(others) == 1 else 'runs are'}"

@@ -68,7 +68,8 @@ def written(value: Any, key: str = "setting") -> str:  # noqa: ANN401 (of a sett
     if isinstance(value, list | tuple):
         return f"[{', '.join(written(part, key) for part in value)}]"
     if isinstance(value, str | Path):
-        return "'" + str(value).replace("\\'", "\\\\'").replace("'", "\\'") + "'"
+        escaped = re.sub(r"(\\*)('|$)", lambda found: 2 * found[1] + ("\\'" if found[2] else ""), str(value))
+        return f"'{escaped}'"
     try:
         return json.dumps(value.item() if isinstance(value, np.generic) else value)
     except (TypeError, ValueError):
@@ -128,6 +129,8 @@ def _group_by_name(setting: re.Match[str]) -> str:
     group, key, value = setting.groups()
     if not (conf_folder() / key).is_dir():
         return setting[0]
+    if key == "regulariser":
+        raise InputError(f"{setting[0]}: expected fit.regularise=[{value}], a list of names, since there may be several")
     if re.fullmatch(r"\[.*\]", value) or not value.isprintable() or (len(value) > LONGEST_NAME and value[0] != "{"):
         raise InputError(f"{key}: expected one name, found {shown(value)}")
     return f"{group}='{value}'" if re.fullmatch(r"[\w.+-]+", value) else setting[0]
@@ -137,8 +140,9 @@ def explain(error: Exception) -> str:
     """What a user needs to know of an error of Hydra or OmegaConf: key, what was expected, closest right name."""
     cause = error.__cause__ if isinstance(error.__cause__, OmegaConfBaseException) else error
     if isinstance(error, MissingConfigException) and error.missing_cfg_file:
-        group, _, name = str(error.missing_cfg_file).rpartition("/")
-        return unknown(group or "configuration", name, sorted(error.options or ()))
+        group, _, name = str(error.missing_cfg_file).partition("/")
+        instead = "; a folder is scene.path=FOLDER" if group == "scene" and "/" in name else ""
+        return unknown(group, name, sorted(error.options or ())) + instead
     if isinstance(error, OverrideParseException):
         first = str(error.message).splitlines()[0]
         written = str(error.override).removeprefix("++")

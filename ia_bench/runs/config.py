@@ -18,7 +18,7 @@ from ia_bench.common.files import user_path
 from ia_bench.common.machine import cores, expect_memory
 from ia_bench.common.paths import MORE_SCENES, PACKAGE, SCENES_VARIABLE, conf_folder, scenes_folders
 from ia_bench.common.ranges import NO_NUMBER, Name, NameIfAny, NumberOrAuto
-from ia_bench.common.settings import check_arguments, defaults_of, merged, parsed, parsed_file
+from ia_bench.common.settings import arguments_for, defaults_of, merged, parsed, parsed_file
 from ia_bench.methods.info import AUTO, check_declarations
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.record import CONFIG, RunSetup
@@ -147,13 +147,12 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
         scene = replace(scene, path=str(user_path("scene.path", scene.path, folder=True)))
     elif reader.target != NATIVE_READER and not scene.name:
         scene = replace(scene, name=reader.name)
-    capture = config.capture
     if config.protocol.lpips.weights is not None:
         user_path("protocol.lpips.weights", config.protocol.lpips.weights)  # a run would find out after its fit
     kind = registry.load(registry.named("reader", reader.name, reader.target))
-    check_arguments(kind, reader.options, "reader.options", 1)
+    given = arguments_for(kind, reader.options, "reader.options", 1)
     options = {key: list(value) if isinstance(value, tuple) else value for key, value in defaults_of(kind, 1).items()}
-    reader = replace(reader, options=options | reader.options)
+    reader = replace(reader, options=options | given)
     if scene.path is not None and not scene.name:  # some readers know a better name than that of the folder
         made: object = None
         with suppress(InputError, Fault):  # a folder that is none of its format: told when the scene is read
@@ -162,7 +161,6 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     return replace(
         config,
         scene=scene,
-        capture=capture,
         reader=reader,
         prior=_prior(config.prior, device),
         coupling=_coupling(config.coupling),
@@ -239,7 +237,7 @@ def config_of(folder: Path) -> RunConfig:
 def _prior(prior: PriorConfig, device: str) -> PriorConfig:
     """The prior with its options checked against its class, and made explicit where they depend on this machine."""
     kind = registry.load(registry.named("prior", prior.name, prior.target))
-    check_arguments(kind, prior.options, "prior.options")
+    prior = replace(prior, options=arguments_for(kind, prior.options, "prior.options"))
     resolve = getattr(kind, "resolved_options", None)
     if resolve is None:
         return prior
@@ -261,8 +259,7 @@ def _coupling(coupling: CouplingConfig) -> CouplingConfig:
     kind: type = registry.load(registry.named("coupling", coupling.name, coupling.target))
     if is_dataclass(kind):
         return replace(coupling, options=asdict(parsed(kind, coupling.options, "coupling.options")))
-    check_arguments(kind, coupling.options, "coupling.options")
-    return coupling
+    return replace(coupling, options=arguments_for(kind, coupling.options, "coupling.options"))
 
 
 def _method(config: RunConfig, here: bool) -> PluginConfig:

@@ -45,16 +45,19 @@ def identity(config: RunConfig) -> dict[str, Any]:
     for plugin, options in _plugins(config):
         paths, folders = _files_of(plugin, options), paths_in(options)
         content[plugin.kind] |= {
-            "options": mapped(content[plugin.kind]["options"], partial(_without_path, paths)),
+            "options": {
+                key: mapped(value, partial(_without_path, paths)) if key in options else value
+                for key, value in content[plugin.kind]["options"].items()
+            },
             "files": [_content(_named_below(path, folders), [path]) for path in paths if plugin.kind != "reader"],
             "code": registry.foreign_code(plugin.kind, plugin.name, plugin.target),
         }
     content["scene"] = {"name": config.scene.name, "content": scene_content(config.scene, config.reader)}
     content["protocol"] = config.protocol.describe()
     content["identity_version"] = IDENTITY_VERSION
+    reader = content.pop("reader")  # whose other options lie in its folder
     named = {path: _content(path) for path in paths_in(content)}  # of what is no plugin: a protocol, a capture
-    found: dict[str, Any] = mapped(content, lambda text: named.get(path_in(text), text))  # type: ignore[arg-type]
-    return found
+    return {**mapped(content, lambda text: named.get(path_in(text), text)), "reader": reader}  # type: ignore[arg-type]
 
 
 def scene_content(scene: SceneConfig, reader: ReaderConfig) -> str | None:
@@ -66,7 +69,7 @@ def scene_content(scene: SceneConfig, reader: ReaderConfig) -> str | None:
             return _content(folder or Path(), map(Path, made.files()))
     if folder is None:
         return None
-    return _content(folder, [folder, *paths_in(reader.options)])
+    return _content(folder, [folder, *paths_in(_outside(reader))])
 
 
 def labels(config: RunConfig, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -85,7 +88,10 @@ def labels(config: RunConfig, content: Mapping[str, Any]) -> dict[str, Any]:
 def setup(config: RunConfig) -> dict[str, Any]:
     """What config.json keeps beside the identity: the command line and the configuration, which can be run again from anywhere."""
     paths = [path for plugin, options in _plugins(config) for path in _files_of(plugin, options)]
-    settings = from_anywhere(asdict(config), paths)
+    settings = asdict(config)
+    below = {key: value for key, value in settings["reader"]["options"].items() if key not in _outside(config.reader)}
+    settings = from_anywhere(settings, paths)
+    settings["reader"]["options"] |= below
     return {"command": shlex.join(("ia-bench", "run", *settings.pop("command"))), "config": settings}
 
 
@@ -136,11 +142,17 @@ def _plugins(config: RunConfig) -> Iterator[tuple[registry.Plugin, Mapping[str, 
     for kind in registry.KINDS:
         part = getattr(config, kind, None)
         if part is not None and part.target is not None:
-            yield registry.named(kind, part.name, part.target), part.options
+            yield registry.named(kind, part.name, part.target), _outside(part) if kind == "reader" else part.options
     if config.coupling.target is None:
         prior = registry.load(registry.named("prior", config.prior.name, config.prior.target))
         recommended = getattr(getattr(prior, "info", None), "coupling", None)
         yield from ((plugin, {}) for name, plugin in registry.installed("coupling").items() if name == recommended)
+
+
+def _outside(reader: ReaderConfig) -> Mapping[str, Any]:
+    """The options by which a reader names files as the command line does: those in ``elsewhere`` of its class, or all."""
+    keys = getattr(registry.load(registry.named("reader", reader.name, reader.target)), "elsewhere", reader.options)
+    return {key: value for key, value in reader.options.items() if key in keys}
 
 
 def _files_of(plugin: registry.Plugin, options: Mapping[str, Any]) -> list[Path]:

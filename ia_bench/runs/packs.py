@@ -110,7 +110,7 @@ def write_pack(folders: Sequence[Path], out: Path, *, authors: str, url: str = "
                 raise InputError(f"{folder}: expected one run of {record.name}, found a second one")
             known.add(record.name)
             name = f"runs/{cell_name(record.scene, record.row, record.seed, record.config_hash)}"
-            parts = {file: folder / file for file in record.files} | _brought(folder)
+            parts = {file: folder / file for file in record.files} | ({} if record.status == "failed" else _brought(folder))
             digests = {file: add(f"{name}/{file}", part.read_bytes()) for file, part in parts.items()}
             for file in (METRICS_FILE, CONFIG):
                 text = (folder / file).read_bytes()

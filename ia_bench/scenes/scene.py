@@ -104,7 +104,8 @@ class View:
     ``valid`` (H, W) bool, None where every pixel is known: where it is False, the image is a lower bound of the radiance, the
     clip where the sensor saturated and 0 where the pixel is unknown. If the mask is 0 there too, nobody knows whether the
     object is seen at all. ``exposure`` is the factor by which, as the camera recorded, the photograph shows radiance, in a unit
-    that the views of a scene share; None where there is no record.
+    that the views of a scene share; None where there is no record. ``taken`` is the size (H, W) of the photograph itself, at the
+    upper left, where the view was :meth:`padded`.
     Ground truth, None unless it was asked for, premultiplied by coverage like the image: ``albedo`` (H, W, 3),
     ``roughness`` and ``metallic`` (H, W), ``specular`` (H, W, 3) radiance, ``normal`` (H, W, 3) world space, ``depth`` (H, W).
     """
@@ -122,6 +123,7 @@ class View:
     depth: np.ndarray | None = None
     valid: np.ndarray | None = None
     exposure: float | None = None
+    taken: tuple[int, int] | None = None
 
     @property
     def known(self) -> np.ndarray:
@@ -165,7 +167,8 @@ class View:
         more = (0, height - self.mask.shape[0]), (0, width - self.mask.shape[1]), (0, 0)
         arrays = self._arrays() | {"valid": self.known}
         larger: dict[str, Any] = {name: np.pad(values, more[: values.ndim]) for name, values in arrays.items()}
-        return replace(self, camera=replace(self.camera, height=height, width=width), **larger)
+        taken = self.taken or self.mask.shape
+        return replace(self, camera=replace(self.camera, height=height, width=width), taken=taken, **larger)
 
 
 def of_one_size(views: Sequence[View]) -> tuple[View, ...]:

@@ -16,6 +16,8 @@ from ia_bench.common.errors import InputError
 from ia_bench.readers.contract import check_scene, unscored
 from ia_bench.scenes.scene import Camera, Scene, Truth, View
 
+LIT = np.ones((4, 8, 3), np.float32)
+
 
 class Reading:
     """A reader of a scene that is there already, spoiled at every call by ``spoil``."""
@@ -65,6 +67,9 @@ WRONG: dict[str, tuple[Callable[[Scene], object], str]] = {
     "centre": (lambda s: camera(s, centre=(np.nan, 1.0)), "camera: centre: expected 2 numbers"),
     "world": (lambda s: camera(s, to_world=2 * np.eye(4)), "camera: expected a rotation and a translation"),
     "camera": (lambda s: camera(s, width=31), r"image: expected \(32, 31, 3\)"),
+    "a name that leads elsewhere": (lambda s: first(s, name="../../0000"), "test view ../../0000: expected a name by which files"),
+    "an absolute name": (lambda s: first(s, name="/0000"), "expected a name by which files below a folder can be called"),
+    "a light that leads elsewhere": (lambda s: lights(s, **{"../night": LIT}), r"light \.\./night: expected a name by which files"),
     "light of a test view": (lambda s: first(s, light="night"), "expected the training light"),
     "light": (lambda s: lights(s, night=np.zeros((4, 8, 3), np.float32)), "light night: expected radiance above 0"),
     "light below 0": (lambda s: lights(s, night=-np.ones((4, 8, 3), np.float32)), "light night: expected finite values from 0"),

@@ -10,7 +10,7 @@ import pytest
 
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.common.settings import check_arguments
+from ia_bench.common.settings import arguments_for
 
 GOOD = """
 from collections.abc import Iterable, Mapping
@@ -220,9 +220,9 @@ def test_an_option_may_have_any_name() -> None:
 
     def plugin(*, schema: int = 0, model_config: int = 0, _own: int = 0) -> None: ...
 
-    check_arguments(plugin, {"schema": 1, "model_config": 2, "_own": 3}, "prior.options")
+    arguments_for(plugin, {"schema": 1, "model_config": 2, "_own": 3}, "prior.options")
     with pytest.raises(InputError, match=r"prior\.options\._own: expected a whole number, found 'a'"):
-        check_arguments(plugin, {"_own": "a"}, "prior.options")
+        arguments_for(plugin, {"_own": "a"}, "prior.options")
 
 
 # ---- the code of plugins ---------------------------------------------------------------------------------------------

@@ -88,6 +88,21 @@ def test_a_larger_picture_is_averaged_and_a_smaller_one_interpolated_without_the
     np.testing.assert_allclose(albedo(tmp_path, encoding="linear")[0], 0.25 * MASK[..., None].repeat(3, -1), atol=1e-5)
 
 
+def test_a_picture_shows_the_photograph_and_not_what_was_added_to_it(tmp_path: Path) -> None:
+    """Photographs of other sizes stand at the upper left of one size for all."""
+    small = (HEIGHT // 2, WIDTH - 5)
+    values = colours(*small)
+    save(tmp_path / "albedo" / "a.npy", values)
+    seen = replace(shown("a"), sizes=(small,))
+    seen.masks[:, small[0] :], seen.masks[:, :, small[1] :] = 0, 0
+    found = FilesPrior(path=str(tmp_path), encoding="linear", alpha="straight").sample(seen, seed=0).values["albedo"][0].numpy()
+    inside = MASK[: small[0], : small[1]] == 1
+    np.testing.assert_allclose(found[: small[0], : small[1]][inside], values[inside], atol=1e-6)
+    (tmp_path / "predictions.json").write_text(json.dumps({"views": {"a": {"size": [WIDTH, HEIGHT]}}}))
+    with pytest.raises(InputError, match="expected the aspect of what it shows of view a, 20 x 12 pixels, found 15 x 6"):
+        FilesPrior(path=str(tmp_path), encoding="linear", alpha="straight").sample(seen, seed=0)
+
+
 def test_one_of_several_samples_is_drawn_by_the_seed(tmp_path: Path) -> None:
     for place, value in enumerate((0.2, 0.6)):
         for name in "abcdefgh":
@@ -214,6 +229,7 @@ MISTAKES = {
     "a box of two": (about(views={"a": {"box": [1, 2]}}), {}, r"views\.a\.box"),
     "no exposure": (about(views={"a": {"exposure": 0}}), {}, r"views\.a\.exposure: expected 1e-06 or more"),
     "another capture": (about(views={"a": {"size": [64, 64]}}), {}, "view a with 64 x 64 pixels, found 20 x 12"),
+    "a box beyond memory": (about(views={"a": {"box": [0, 0, 60000, 36000]}}), {}, r"a\.png: expected at most .*60000 x 36000"),
     "no JSON": (wrote("predictions.json", "{"), {}, "not valid JSON"),
     "another aspect": (picture(colours(12, 12)), {}, r"a\.npy: expected the aspect of .* view a, 20 x 12 pixels, found 12 x 12"),
     "not finite": (picture(np.nan * colours()), {}, r"a\.npy: expected finite numbers, found NaN"),

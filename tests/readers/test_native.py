@@ -1,6 +1,7 @@
 """The reader of the native folder: what it reads; what it refuses is in test_hostile.py. And lights that several scenes share."""
 
 import hashlib
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -86,6 +87,17 @@ def test_true_textures_stay_on_the_coordinates_that_they_belong_to(tiny: Scene, 
     without = NativeReader(tiny_copy, uv="xatlas").read(truth=True)
     assert "true textures are left out: mesh.ply has no coordinates for them" in without.notes
     assert (without.truth.albedo, set(without.truth.lights)) == (None, set(tiny.truth.lights))
+
+
+def test_training_photographs_are_held_out_in_no_split(tiny_copy: Path) -> None:
+    first = json.loads((tiny_copy / "transforms_train.json").read_text())["frames"][0]["file_path"]
+    for split in ("test", "novel"):
+        path = tiny_copy / f"transforms_{split}.json"
+        content = json.loads(before := path.read_text())
+        content["frames"][0]["file_path"] = f"./{first}"
+        path.write_text(json.dumps(content))
+        refused(tiny_copy, path.name, r"frames\[0\]: file_path: expected every photograph once", "transforms_train.json")
+        path.write_text(before)
 
 
 def test_a_split_that_leads_nowhere_and_a_lens_are_refused(tiny_copy: Path) -> None:

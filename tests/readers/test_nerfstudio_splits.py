@@ -84,6 +84,24 @@ def test_a_photograph_in_two_files_of_frames_is_refused(tmp_path: Path, tiny: Sc
     assert "transforms_train.json: frames[0]: file_path" in refused(tmp_path)
 
 
+def test_a_photograph_by_two_names_is_refused(tmp_path: Path, tiny: Scene) -> None:
+    """With its suffix and without, and by a way that leads out of the folder and back."""
+    write_nerfstudio(tmp_path / "tiny", scene_to_write(tiny))
+    content = json.loads((tmp_path / "tiny" / WHOLE).read_text())
+    name = content["frames"][0]["file_path"]
+    for other in (name.removesuffix(".png"), f"../tiny/{name}"):
+        twice = {**content, TEST: [other], "frames": [*content["frames"], {**content["frames"][0], "file_path": other}]}
+        (tmp_path / "tiny" / WHOLE).write_text(json.dumps(twice))
+        assert f"expected every photograph once, found {name.removesuffix('.png')!r} again" in refused(tmp_path / "tiny")
+
+
+def test_a_path_that_leads_out_of_the_folder_and_back_is_no_name(folder: Path) -> None:
+    expected = names(folder, "train")
+    edited(WHOLE, lambda c: [frame.update(file_path=f"../tiny/{frame['file_path']}") for frame in c["frames"]])(folder)
+    edited(WHOLE, lambda c: c.update({split: [f"../tiny/{name}" for name in c[split]] for split in (TRAIN, TEST)}))(folder)
+    assert names(folder, "train") == expected
+
+
 def test_an_absolute_path_through_a_link_leads_to_the_same_photograph(folder: Path) -> None:
     expected = names(folder, "train")
     link = folder.parent / "link"

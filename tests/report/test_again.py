@@ -36,6 +36,7 @@ def published(tmp_path: Path, here: str) -> Path:
         scored("ours, 2", "tiny", 0, None, **one, config_hash=here, albedo_psnr=20.0, roughness_mse=0.05),
         scored("changed", "tiny", 0, 1.0, **one, config_hash="0" * HASH_DIGITS),
         scored("former", "tiny", 0, 1.0, protocol=PROTOCOL),
+        scored("open", "tiny", 0, 1.0, **{**one, "command": "scene=tiny row='x"}, config_hash="0" * HASH_DIGITS),
         scored("failed", "tiny", 0, None, problem="no"),
     ]
     (tmp_path / "table").mkdir()
@@ -93,7 +94,7 @@ def test_scores_stand_side_by_side(
     commands = repeats(psnr, error)
     lines = (published / "runs.csv").read_text().splitlines(keepends=True)
     (published / "runs.csv").write_text(
-        "".join(line for line in lines if not line.startswith((f"{PROTOCOL},changed", f"{PROTOCOL},former")))
+        "".join(line for line in lines if not line.startswith((f"{PROTOCOL},changed", f"{PROTOCOL},former", f"{PROTOCOL},open")))
     )
     assert main([str(published)]) == status
     assert commands[0][3:-1] == ["run", *SETTINGS, "threads=1"]
@@ -110,10 +111,11 @@ def test_what_cannot_be_run_again_says_why(published: Path, repeats: Any, capsys
     repeats(1.0)
     assert main([str(published / "runs.csv"), "--share", "1"]) == 1
     told = capsys.readouterr().out
-    assert "3 published cells, of which 2 are run again" in told
+    assert "4 published cells, of which 3 are run again" in told
     assert "changed, tiny, seed 0: differs: its identity is " in told
     assert "former, tiny, seed 0: not run again: its runs.csv does not hold the command line" in told
-    assert "1 differs, 1 not run again" in told.splitlines()[-1]
+    assert "open, tiny, seed 0: not run again: its command cannot be read (No closing quotation)" in told
+    assert "1 differs, 2 not run again" in told.splitlines()[-1]
 
 
 def test_a_run_that_was_published_without_its_hash_is_not_called_another_one(published: Path, repeats: Any, here: str) -> None:

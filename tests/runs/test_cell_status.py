@@ -11,7 +11,7 @@ from run_records import write_record
 from ia_bench.cli.report import main as report
 from ia_bench.cli.watch import main as watch
 from ia_bench.common.errors import InputError
-from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, WAITING, look, read_cells
+from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, WAITING, folders_with_cells, look, read_cells
 from ia_bench.runs.folder import find_run_folders, lock_folder
 
 HASH = "0" * 64
@@ -90,6 +90,17 @@ def test_files_of_other_programs_are_no_runs(tmp_path: Path) -> None:
     (tmp_path / "weights").mkdir()
     (tmp_path / "weights" / "config.json").write_text(json.dumps({"size": 64}))
     assert find_run_folders(tmp_path) == [mine]
+
+
+def test_a_foreign_cells_json_hides_no_run(tmp_path: Path) -> None:
+    notes = list[str]()
+    run = tmp_path / "runs" / "mine"
+    run.mkdir(parents=True)
+    (run / "metrics.json").write_text("{}")
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "cells.json").write_text("[1, 2]")
+    assert list(folders_with_cells([tmp_path], notes.append)) == [run]
+    assert notes == [f"{tmp_path}/theirs/cells.json: expected a JSON object, found list: passed over"]
 
 
 def test_what_is_no_table_is_one_sentence(tmp_path: Path) -> None:

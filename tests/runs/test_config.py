@@ -1,6 +1,7 @@
 """Every shipped configuration composes, and the hash changes with what decides numbers and with nothing else."""
 
 import dataclasses
+import re
 import shlex
 from pathlib import Path
 from types import UnionType
@@ -13,7 +14,7 @@ from ia_bench.common.paths import conf_folder
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates, LossWeights
 from ia_bench.render.settings import RenderSettings
-from ia_bench.runs.composition import compose
+from ia_bench.runs.composition import compose, setting
 from ia_bench.runs.config import CouplingConfig, SceneConfig, resolve_scene_folder
 from ia_bench.runs.identity import identity
 from ia_bench.scores.protocol import Protocol
@@ -106,6 +107,30 @@ def test_scenes_are_looked_for_in_several_folders_and_called_after_their_own(
     config = compose(["device=cpu", f"scene.path={tmp_path / 'mug'}"])
     assert config.scene.name == "mug"
     assert resolve_scene_folder(config.scene) == tmp_path / "mug"
+
+
+@pytest.mark.parametrize("text", ["a\\", "a\\\\", "a\\'b", "a\\\\'b", "'", "it's", "\\'", "x, y: {1} [2] #=() \u00e9", ""])
+def test_a_text_is_read_back_as_it_was_written(text: str) -> None:
+    row = compose(["device=cpu", "scene=tiny", setting("row", f"r{text}")]).row_name
+    assert row == f"r{text}"
+
+
+def test_a_whole_number_is_the_same_setting_as_the_number() -> None:
+    """Of a prior, of a regulariser and of the others."""
+    for key, prior in (("prior.options.noise", "oracle"), ("fit.regulariser_options.context.view_count", "combined")):
+        one, other = (compose(["device=cpu", "scene=tiny", f"prior={prior}", f"{key}={number}"]) for number in ("1", "1.0"))
+        assert identity(one) == identity(other), key
+
+
+@pytest.mark.parametrize("folder", ["tiny/", "./mine", "/tmp/mine", "../tiny"])
+def test_a_folder_for_a_scene_is_told(folder: str) -> None:
+    with pytest.raises(InputError, match=re.escape(f"unknown scene '{folder}'") + r".* a folder is scene\.path=FOLDER$"):
+        compose(["device=cpu", f"scene={folder}"])
+
+
+def test_regularisers_are_a_list() -> None:
+    with pytest.raises(InputError, match=r"regulariser=context: expected fit\.regularise=\[context\], a list of names"):
+        compose(["device=cpu", "scene=tiny", "regulariser=context"])
 
 
 def test_another_reader_needs_no_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -13,10 +13,12 @@ import pytest
 from ia_bench.common.settings import parsed
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.diffusion import learned
+from ia_bench.readers.writers.frames import write_nerfstudio
 from ia_bench.runs import identity as identities
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, cell_name, slug
 from ia_bench.runs.identity import from_anywhere, hash_of, identity, run_folder, setup
+from ia_bench.scenes.scene import Scene
 
 pytestmark = pytest.mark.usefixtures("scenes")
 
@@ -182,6 +184,21 @@ def test_a_reader_s_files_are_the_scene_s_and_no_others(monkeypatch: pytest.Monk
             found.append(hash_with(f"reader=files_reader:{kind}", f"scene.path={folder}"))
     assert hashes["Says"][0] == hashes["Says"][1]
     assert hashes["Silent"][0] != hashes["Silent"][1]
+
+
+def test_what_lies_in_a_scene_s_folder_is_no_file_of_the_current_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tiny: Scene
+) -> None:
+    """masks/ of the command line is the folder of the scene, also where the current folder has one."""
+    write_nerfstudio(tmp_path / "mine", tiny)
+    (tmp_path / "elsewhere" / "masks").mkdir(parents=True)
+    found = []
+    for folder in (tmp_path, tmp_path / "mine", tmp_path / "elsewhere"):
+        monkeypatch.chdir(folder)
+        config = compose(["reader=nerfstudio", f"scene.path={tmp_path / 'mine'}", "reader.options.masks=masks/", "prior=none"])
+        found.append(hash_of(identity(config)))
+        assert setup(config)["config"]["reader"]["options"]["masks"] == "masks/"
+    assert len(set(found)) == 1
 
 
 def test_the_setup_holds_the_command_line_and_absolute_paths(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, scenes: Path) -> None:

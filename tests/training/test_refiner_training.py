@@ -118,10 +118,10 @@ def test_fits_come_back_and_damage_is_named(folders: Path, tmp_path: Path) -> No
         torch.testing.assert_close(tensors[name].float(), made_up(0, 1)[name], rtol=1e-3, atol=1e-3)
     damaged = tmp_path / path.name
     damaged.write_bytes(path.read_bytes()[:500])
-    with pytest.raises(InputError, match="a file that cannot be read"):
+    with pytest.raises(InputError, match="found no file that can be read"):
         load_fit(damaged)
     write_fit(damaged, tensors, FitInfo(0, 8, version=99))
-    with pytest.raises(InputError, match="expected fits of version 2, found 99"):
+    with pytest.raises(InputError, match="expected a fit of a procedural scene of version 2, found 99"):
         load_fit(damaged)
     metadata = {"seed": "0", "index": "1", "photographs": "8", "clipped": "1", "version": "2"}  # as older programs wrote it
     save_file(tensors, damaged, metadata=metadata)

@@ -106,6 +106,11 @@ def drawn_by(generator: torch.Generator) -> dict[str, Any]:
     return {"generator": generator, "device": generator.device}
 
 
+def reordered(values: Tensor, order: Tensor) -> Tensor:
+    """Images (N, H, W, 3) with the channels of each in its ``order`` (N, 3)."""
+    return torch.gather(values, 3, order[:, None, None].expand_as(values))
+
+
 def augment(images: dict[str, Tensor], settings: Augmentation, generator: torch.Generator) -> dict[str, Tensor]:
     """Mirror, permute channels and colour the light of linear images; geometry and masks follow."""
     count, at = len(images["image"]), drawn_by(generator)
@@ -116,13 +121,10 @@ def augment(images: dict[str, Tensor], settings: Augmentation, generator: torch.
     gain = torch.exp(settings.cast * torch.randn(count, 3, **at))[:, None, None]
     sides = torch.tensor([-1.0, 1.0, 1.0], device=generator.device)
 
-    def colours(values: Tensor) -> Tensor:
-        return torch.gather(values, 3, order[:, None, None].expand_as(values))
-
     changed = {
-        "image": torch.cat([colours(radiance) * gain, masks], -1),
-        "albedo": colours(images["albedo"]),
-        "specular": colours(images["specular"]) * gain,
+        "image": torch.cat([reordered(radiance, order) * gain, masks], -1),
+        "albedo": reordered(images["albedo"], order),
+        "specular": reordered(images["specular"], order) * gain,
         "normal": torch.where(mirrored[:, None, None, None], images["normal"] * sides, images["normal"]),
         "visibility": images["visibility"],
     }

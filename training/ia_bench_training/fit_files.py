@@ -25,12 +25,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors import safe_open
 from torch import Tensor
 
-from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
+from ia_bench_training.shards import described, write_halves
 
 FITS_VERSION = 2
 """Raised whenever the same (seed, index) would make another scene or fit, beyond rounding."""
@@ -74,9 +73,7 @@ def fit_paths(folder: Path) -> list[Path]:
 
 def write_fit(path: Path, tensors: dict[str, Tensor], info: FitInfo) -> None:
     """Write a fit, whole or not at all."""
-    metadata = {name: str(value) for name, value in vars(info).items()}
-    with whole_file(path) as partial:
-        save_file({name: tensors[name].half().contiguous() for name in CHANNELS}, partial, metadata=metadata)
+    write_halves(path, tensors, CHANNELS, info)
 
 
 def load_fit(path: Path) -> tuple[dict[str, Tensor], FitInfo]:
@@ -84,18 +81,9 @@ def load_fit(path: Path) -> tuple[dict[str, Tensor], FitInfo]:
 
     Raises InputError if the file is damaged, of another version, or lacks a tensor or has one of another shape.
     """
-    try:
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path}: expected a fit of a procedural scene, found a file that cannot be read ({error})") from None
-    try:
-        info = FitInfo(**{name: int(metadata[name]) for name in FitInfo.__dataclass_fields__})
-    except (KeyError, ValueError) as error:
-        raise InputError(f"{path}: expected a fit of a procedural scene, found no number under {error} in its metadata") from None
-    if info.version != FITS_VERSION:
-        raise InputError(f"{path}: expected fits of version {FITS_VERSION}, found {info.version}; make them again")
+    info = described(path, FitInfo, FITS_VERSION, "a fit of a procedural scene")
+    with safe_open(path, framework="pt") as file:
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
     shape = tuple(tensors["image"].shape[:3]) if "image" in tensors and tensors["image"].ndim == 4 else None
     for name, channels in CHANNELS.items():
         found = tuple(tensors[name].shape) if name in tensors else "none"

@@ -20,6 +20,7 @@ from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, NotNegative, Number, UnitInterval
 from ia_bench.priors.refiner import RENDERS, RefinerConfig, RefinerNetwork, Seen, see
 from ia_bench.scenes.color import linear_to_srgb
+from ia_bench_training.dataset import reordered
 from ia_bench_training.fit_files import CHANNELS, fit_paths, load_fit
 from ia_bench_training.optimiser import MuonAdamW, split_weights
 from ia_bench_training.resuming import (
@@ -137,8 +138,8 @@ class Views:
         if generator is not None:
             order = torch.rand(len(index), 3, generator=generator).argsort(1)
             mask, radiance = views["image"][..., 3:], views["image"][..., :3]
-            views["image"] = torch.cat([_reordered(radiance, order), mask], -1)
-            views |= {name: _reordered(views[name], order) for name in COLOURS}
+            views["image"] = torch.cat([reordered(radiance, order), mask], -1)
+            views |= {name: reordered(views[name], order) for name in COLOURS}
             scale = scale.gather(1, order)
             turned = (torch.rand(len(index), generator=generator) < 0.5)[:, None, None, None]
             views["normal"] = torch.where(turned, views["normal"] * torch.tensor([-1.0, 1.0, 1.0]), views["normal"])
@@ -185,10 +186,6 @@ def _scale(fit: dict[str, Tensor]) -> Tensor | None:
         return None
     albedo, truth = fit["albedo"][inside].float().mean(0), fit["true_albedo"][inside].float().mean(0)
     return truth / albedo.clamp_min(BLACK)
-
-
-def _reordered(values: Tensor, order: Tensor) -> Tensor:
-    return torch.gather(values, 3, order[:, None, None].expand_as(values))
 
 
 def _zoomed(views: dict[str, Tensor], generator: torch.Generator) -> dict[str, Tensor]:

@@ -123,7 +123,7 @@ def run(
     """Train to ``steps`` or until the ``minutes`` are over, from the state in ``folder`` if there is one.
 
     It is validated every ``validate_steps`` and at the end. The state is kept after every validation, and every
-    ``checkpoint_minutes``. A finished run may be told to go on with more steps.
+    ``checkpoint_minutes``. A finished run may be told to go on with more steps, where its identity leaves them out.
 
     Args:
         trainee: What is trained.

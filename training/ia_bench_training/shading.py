@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ia_bench.light.latlong import direction_to_texel, row_solid_angles
+from ia_bench.light.latlong import direction_to_texel, row_solid_angles, texel_to_direction
 from ia_bench.material.brdf import dot, sample_visible_ggx, specular_brdf_cosine, tangent_frame, visible_ggx_pdf
 from ia_bench.render.rays import RayCaster
 from ia_bench_training.lights import HEIGHT, MAX_DISCS, WIDTH, Light
@@ -104,11 +104,7 @@ def sample_lights(light: Tensor, u: Tensor, tables: LightTables) -> Tensor:
     stratum, across = _invert(tables.strata, tables.stratum_chance, light[:, None].expand(u.shape[:2]), u[..., 0], STRATA)
     row = (stratum - MAX_DISCS).clamp_min(0)
     column, along = _invert(tables.columns, tables.column_chance, light[:, None] * HEIGHT + row, u[..., 1], WIDTH)
-    upper, lower = torch.cos(row * (math.pi / HEIGHT)), torch.cos((row + 1) * (math.pi / HEIGHT))
-    z = upper + (lower - upper) * across
-    radius = torch.sqrt((1 - z * z).clamp_min(0))
-    azimuth = math.pi - (column + along) * (2 * math.pi / WIDTH)
-    to_texel = torch.stack([radius * torch.cos(azimuth), radius * torch.sin(azimuth), z], -1)
+    to_texel = texel_to_direction(row * WIDTH + column, across, along, HEIGHT, WIDTH)
     which = light[:, None] * MAX_DISCS + stratum.clamp(max=MAX_DISCS - 1)
     axis, edge = tables.direction.reshape(-1, 3)[which], tables.cosine.reshape(-1)[which][..., None]
     cos_disc = 1 - across[..., None] * (1 - edge)

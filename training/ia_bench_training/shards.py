@@ -15,8 +15,10 @@ Radiance is as lit, its mean over the foreground about 0.3; training chooses exp
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -75,29 +77,54 @@ def shard_paths(folder: Path) -> list[Path]:
     return paths
 
 
-def write_shard(path: Path, tensors: dict[str, Tensor], info: ShardInfo) -> None:
-    """Write a shard, whole or not at all."""
+class Numbers(Protocol):
+    """A dataclass of whole numbers, one of which is a version."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def version(self) -> int:
+        """That of the program that made what it describes."""
+        ...
+
+
+Info = TypeVar("Info", bound=Numbers)
+
+
+def write_halves(path: Path, tensors: Mapping[str, Tensor], channels: Iterable[str], info: Numbers) -> None:
+    """Write the tensors that ``channels`` name, in half precision, and the numbers of ``info``; whole or not at all."""
     metadata = {name: str(value) for name, value in vars(info).items()}
     with whole_file(path) as partial:
-        save_file({name: tensors[name].half().contiguous() for name in CHANNELS}, partial, metadata=metadata)
+        save_file({name: tensors[name].half().contiguous() for name in channels}, partial, metadata=metadata)
+
+
+def described(path: Path, kind: type[Info], version: int, what: str) -> Info:
+    """The numbers that :func:`write_halves` put beside the tensors, as a ``kind``, which has a version.
+
+    Raises InputError, which calls the file ``what``, for one that is not there, damaged or of another version.
+    """
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+    except (SafetensorError, OSError) as error:
+        raise InputError(f"{path}: expected {what}, found no file that can be read ({error})") from None
+    try:
+        info = kind(**{name: int(metadata[name]) for name in kind.__dataclass_fields__})
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{path}: expected {what}, found no number under {error} in its metadata") from None
+    if info.version != version:
+        raise InputError(f"{path}: expected {what} of version {version}, found {info.version}; make it again")
+    return info
+
+
+def write_shard(path: Path, tensors: dict[str, Tensor], info: ShardInfo) -> None:
+    """Write a shard, whole or not at all."""
+    write_halves(path, tensors, CHANNELS, info)
 
 
 def read_info(path: Path) -> ShardInfo:
     """What a shard says of itself. Raises InputError if it is no shard, or of another version."""
-    try:
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such shard") from None
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path}: expected a shard of training images, found a file that cannot be read ({error})") from None
-    try:
-        info = ShardInfo(**{name: int(metadata[name]) for name in ShardInfo.__dataclass_fields__})
-    except (KeyError, ValueError) as error:
-        raise InputError(f"{path}: expected a shard of training images, found no number under {error} in its metadata") from None
-    if info.version != DATA_VERSION:
-        raise InputError(f"{path}: expected training data of version {DATA_VERSION}, found {info.version}; make it again")
-    return info
+    return described(path, ShardInfo, DATA_VERSION, "a shard of training images")
 
 
 def load_shard(path: Path) -> tuple[dict[str, Tensor], ShardInfo]:

@@ -11,14 +11,14 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.photographs import view_geometry
+from ia_bench.methods.photographs import stacked, view_geometry
 from ia_bench.priors.contract import Observations, Prior
 from ia_bench.priors.diffusion.encoding import exposure
 from ia_bench.priors.validation import ask
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
-from ia_bench.scenes.scene import Scene
+from ia_bench.scenes.scene import Scene, of_one_size
 from ia_bench_training.dataset import TrainingImages
 from ia_bench_training.validation import psnr_by_name
 
@@ -57,9 +57,7 @@ def load_examples(name: str, limit: int | None = None, *, geometry: bool = False
     if without or not views:
         found = f"view {without[0]} without" if without else "no test view"
         raise InputError(f"{path}: expected test views with true albedo and specular shading, found {found}")
-    images, masks, albedo, specular = (
-        torch.stack([torch.from_numpy(getattr(view, key)) for view in views]) for key in ("image", "mask", "albedo", "specular")
-    )
+    images, masks, albedo, specular = (stacked(of_one_size(views), key) for key in ("image", "mask", "albedo", "specular"))
     shown = Observations(images, masks)
     if geometry:
         normals, visibility = _geometry(replace(scene, train=views).blind())

@@ -112,8 +112,8 @@ class PriorSampler:
                 seen = view_geometry(self._problem, views) if wants & set(GEOMETRY) else (None, None)
                 view_count = count_views(self._problem, views) if "view_count" in wants else None
             normals, visibility = (tensor if name in wants else None for name, tensor in zip(GEOMETRY, seen, strict=True))
-            names = tuple(view.name for view in chosen)
-            self._shown = Observations(images, masks, views, normals, visibility, view_count, names=names)
+            names, sizes = tuple(view.name for view in chosen), tuple(view.taken or view.mask.shape for view in chosen)
+            self._shown = Observations(images, masks, views, normals, visibility, view_count, names=names, sizes=sizes)
             self.last_views = views
         return self._shown
 

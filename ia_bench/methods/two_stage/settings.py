@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import Count, Number, Positive, Rate, Roughness, UnitInterval, Weight
-from ia_bench.methods.regularisers.choice import check_regularisers
+from ia_bench.methods.regularisers.choice import options_for
 from ia_bench.render.settings import RenderSettings
 
 BYTES_PER_SAMPLE = 400  # of a step with its gradient: a ray, what it meets, what it carries
@@ -121,7 +121,7 @@ class FitSettings:
     def __post_init__(self) -> None:
         if not self.stage1_steps + self.stage2_steps:
             raise InputError("fit.stage1_steps and fit.stage2_steps: expected at least one step, found none")
-        check_regularisers(self.regularise, self.regulariser_options)
+        object.__setattr__(self, "regulariser_options", options_for(self.regularise, self.regulariser_options))
 
     def memory(self, render: RenderSettings) -> dict[str, int]:
         """Bytes that a step takes, by the key that decides them."""

@@ -74,7 +74,10 @@ def sample_large(
     samples = []
     for start in range(0, len(condition), batch):
         part = slice(start, start + batch)
-        reduced = partial(_reduced, part=part, side=native)
+
+        def reduced(images: Tensor, part: slice = part) -> Tensor:
+            return _resized(images[part], native)
+
         toward = [pull.through(reduced, native / side) for pull in guidance.pulls]
         samples.append(draw(reduced(condition), seeds[part], toward))
     coarse = _resized(torch.cat(samples), side)
@@ -99,10 +102,6 @@ def sample_large(
             total[place] += window * patch
             weight[place] += window
     return torch.where(weight > 0, total / weight, coarse).to(coarse.dtype)
-
-
-def _reduced(images: Tensor, part: slice, side: int) -> Tensor:
-    return _resized(images[part], side)
 
 
 def _cut(images: Tensor, places: Sequence[Place]) -> Tensor:

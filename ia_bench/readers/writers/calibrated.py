@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from ia_bench.readers.writers.parts import (
     world_to_camera,
 )
 from ia_bench.scenes.images import straight
-from ia_bench.scenes.scene import FROM_Y_UP, Camera, Mesh, Scene
+from ia_bench.scenes.scene import FROM_Y_UP, Camera, Mesh, Scene, View
 
 SIZE, MIDDLE = 40.0, np.array([100.0, -50.0, 600.0])  # where the units of DTU have the object: millimetres before the robot
 BOX, CENTRE = 1.3, np.array([0.1, -0.2, 0.3])  # where the units of NeILF have it, in a box of this half side
@@ -38,8 +39,8 @@ def write_dtu(folder: Path, scene: Scene) -> Options:
     views, options = mixed(scene)
     matrices = dict[str, Any]()
     for number, view in enumerate(views):
-        save_bare_photo(folder / "image" / f"{number:03}.png", view)
-        save_png(folder / "mask" / f"{number:03}.png", np.stack([view.mask] * 3, -1))
+        save_bare_photo(folder / "image" / _numbered(number, views), view)
+        save_png(folder / "mask" / _numbered(number, views), np.stack([view.mask] * 3, -1))
         projection = intrinsics(view.camera, 0.0) @ world_to_camera(view.camera, SIZE, MIDDLE)
         matrices[f"world_mat_{number}"] = np.vstack([projection, [0, 0, 0, 1]])
         matrices[f"scale_mat_{number}"] = scale
@@ -73,6 +74,11 @@ def write_colmap(folder: Path, scene: Scene) -> Options:
     return options
 
 
+def _numbered(number: int, views: Sequence[View]) -> str:
+    """What a picture is called, so that names are in the order of their numbers."""
+    return f"{number:0{max(3, len(str(len(views))))}}.png"
+
+
 def _row(*values: float) -> str:
     return " ".join(repr(float(value)) for value in values)
 
@@ -83,8 +89,8 @@ def write_llff(folder: Path, scene: Scene) -> Options:
     expect_central("llff", views, alike=True)
     rows = []
     for number, view in enumerate(views):
-        save_bare_photo(folder / "images" / f"{number:03}.png", view)
-        save_png(folder / "masks" / f"{number:03}.png", view.mask)
+        save_bare_photo(folder / "images" / _numbered(number, views), view)
+        save_png(folder / "masks" / _numbered(number, views), view.mask)
         right, up, back, place = view.camera.to_world[:3].T
         size = view.camera.height, view.camera.width, view.camera.focal[0]
         points = scene.mesh.vertices.astype(float) if scene.mesh is not None else np.zeros((1, 3))
