@@ -8,7 +8,7 @@ import inspect
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -192,6 +192,8 @@ def _sentence(errors: Sequence[ErrorDetails], known: Any, content: Any, key: str
     first = errors[0]
     if first["type"] == "missing":
         first = next((error for error in errors if error["type"] in UNKNOWN), first)
+    if isinstance(_place(first, content)[1], Mapping):  # of which another branch of a union may say what is wrong in it
+        first = max(errors, key=lambda error: len(_place(error, content)[0]))
     place, found = _place(first, content)
     name = ".".join(filter(None, (key, *place)))
     alternatives = [error for error in errors if _place(error, content)[0] == place]
@@ -223,7 +225,7 @@ def _place(error: ErrorDetails, content: Any) -> tuple[tuple[str, ...], Any]:  #
         elif error["type"] == "missing" and part == error["loc"][-1]:
             content = None
         else:
-            break
+            continue  # the name of a branch
         place.append(str(part))
     return tuple(place), content
 
@@ -232,17 +234,24 @@ def _names(known: Any, place: Sequence[str]) -> list[str]:  # noqa: ANN401 (a cl
     """The fields of the dataclass at a place inside ``known``."""
     for part in place:
         if dataclasses.is_dataclass(known):
-            known = get_type_hints(known).get(part, known)  # a number in a list is the name of no field
-            known = next((one for one in get_args(known) if dataclasses.is_dataclass(one)), known)  # of a list or an Optional
+            hint = get_type_hints(known).get(part, known)  # a number in a list is the name of no field
+            known = next(_dataclasses_in(hint), hint)
     return [field.name for field in dataclasses.fields(known)] if dataclasses.is_dataclass(known) else list(known)
+
+
+def _dataclasses_in(hint: Any) -> Iterator[type]:  # noqa: ANN401 (a type, or part of one)
+    """The dataclasses that a type is made of, such as those of lists and unions."""
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+        yield hint
+    for part in get_args(hint):
+        yield from _dataclasses_in(part)
 
 
 def _forbidding(kind: type[T]) -> type[T]:
     """``kind``, whose tables, and those inside, take no other names and no NaN or infinity."""
-    hints = get_type_hints(kind).values()
-    for one in (kind, *hints, *(part for hint in hints if get_origin(hint) is list for part in get_args(hint))):
-        if dataclasses.is_dataclass(one) and "__pydantic_config__" not in vars(one):
+    for one in (kind, *(part for hint in get_type_hints(kind).values() for part in _dataclasses_in(hint))):
+        if "__pydantic_config__" not in vars(one):
             setattr(one, "__pydantic_config__", STRICT)  # noqa: B010 (which no type has a name for)
             if one is not kind:
-                _forbidding(one)  # type: ignore[arg-type]
+                _forbidding(one)
     return kind

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from ia_bench.geometry.mesh_files import (
     expect_plain_gltf,
     gltf_header,
     joined_normals,
+    of_the_standard,
     parsed_by_trimesh,
     placed_parts,
     ply_header,
@@ -30,7 +32,9 @@ from ia_bench.scenes.scene import Mesh
 if TYPE_CHECKING:
     import trimesh
 
-READ = "6"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
+READ = "7"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
+MADE_BY = ("trimesh", "xatlas")  # whose versions are others
+FLAT = 1e-6  # share of the cube around it that a closed part encloses at least: less is a sheet with two sides, and rounding
 FAR = 1e4  # sizes of an object from the origin: single precision, in which rays are traced, shifts its points by .0006 of it there
 BORDER = 1 / 256  # of the whole square, around what each material has: look-ups between texels reach beyond it
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
@@ -48,7 +52,7 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
     """
     if path.suffix.lower() != ".ply" or not is_file(path):
         return _read_mesh(path, uv)
-    cache, key = Cache(), content_key("mesh", READ, uv, hash_of_files(path.parent, [path]))
+    cache, key = Cache(), content_key("mesh", READ, uv, *map(version, MADE_BY), hash_of_files(path.parent, [path]))
     found = cache.get(key)
     if found is not None:
         tensors, about = found
@@ -64,7 +68,8 @@ def _read_mesh(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     header = gltf_header(path) if path.suffix.lower() in (".glb", ".gltf") and is_file(path) else None
     loaded = parsed_by_trimesh(path, header)
     if header is not None:
-        expect_plain_gltf(path, header, uv=uv == "mesh")
+        with of_the_standard(path):
+            expect_plain_gltf(path, header, uv=uv == "mesh")
     textures = len(re.findall(rb"^comment TextureFile\b", ply_header(path), re.MULTILINE))
     if uv == "mesh" and textures > 1:  # whose coordinates lie over each other, and trimesh does not tell which face has which
         raise InputError(f"{path}: expected UV for one texture, found those for {textures}; run with reader.options.uv=xatlas")
@@ -146,7 +151,7 @@ def _inside_out(mesh: Mesh) -> tuple[np.ndarray, int]:
     low, high = np.full((len(volume), 3), np.inf), np.full((len(volume), 3), -np.inf)
     np.minimum.at(low, part, corners.min(1))
     np.maximum.at(high, part, corners.max(1))
-    closed = np.flatnonzero((volume < 0) & ~open_parts)
+    closed = np.flatnonzero((volume < -FLAT * (high - low).max(1) ** 3) & ~open_parts)
     wrong = [one for one in closed if not ((low < low[one]) & (high > high[one])).all(1).any()]
     return np.isin(part, wrong), len(wrong)
 
@@ -209,11 +214,7 @@ def expect_near_origin(what: str, low: np.ndarray, high: np.ndarray) -> None:
 
 
 def _without_degenerate(vertices: np.ndarray, faces: np.ndarray, path: Path, notes: list[str]) -> np.ndarray:
-    corners = vertices[faces]
-    edges = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    doubled_area = np.linalg.norm(np.cross(*edges), axis=1)
-    longest = np.maximum(np.linalg.norm(edges[0], axis=1), np.linalg.norm(edges[1], axis=1))
-    sound = doubled_area > 1e-10 * longest**2  # relative, so that the scale of the scene does not matter
+    sound = with_area(vertices, faces)
     if not sound.any():
         raise InputError(f"{path}: every one of the {len(faces)} triangles has zero area")
     if not sound.all():
@@ -221,10 +222,21 @@ def _without_degenerate(vertices: np.ndarray, faces: np.ndarray, path: Path, not
     return faces[sound]
 
 
+def with_area(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Which triangles (F,) are more than a line or a point."""
+    corners = vertices[faces]
+    edges = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    doubled_area = np.linalg.norm(np.cross(*edges), axis=1)
+    longest = np.maximum(np.linalg.norm(edges[0], axis=1), np.linalg.norm(edges[1], axis=1))
+    found: np.ndarray = doubled_area > 1e-10 * longest**2  # relative, so that the scale of the scene does not matter
+    return found
+
+
 def _normals(vertices: np.ndarray, faces: np.ndarray, stored: np.ndarray | None, path: Path, notes: list[str]) -> np.ndarray:
     if stored is not None and len(stored) == len(vertices):
         length = np.linalg.norm(stored, axis=1, keepdims=True)
-        if np.isfinite(length).all() and (length[np.unique(faces)] > 1e-6).all():
+        used = length[np.unique(faces)]  # others go
+        if np.isfinite(used).all() and (used > 1e-6).all():
             return np.asarray(stored) / np.maximum(length, 1e-12)
         notes.append(f"{path.name}: stored normals are zero or not finite in places; smooth normals computed instead")
     else:
@@ -240,7 +252,8 @@ def smooth_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     import trimesh
 
     places, shared = np.unique(vertices, axis=0, return_inverse=True)
-    unit = 2.0 ** -np.round(np.log2(np.ptp(vertices[faces], axis=(0, 1)).max()))  # trimesh takes small triangles for none
+    extent = np.ptp(vertices[faces], axis=(0, 1)).max()
+    unit = 2.0 ** -np.round(np.log2(extent)) if extent > 0 else 1.0  # trimesh takes small triangles for none
     normals = np.asarray(trimesh.Trimesh(unit * places, shared[faces], process=False).vertex_normals)[shared]
     flat = np.linalg.norm(normals, axis=1) < 1e-6
     if flat[faces].any():

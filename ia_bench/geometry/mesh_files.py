@@ -7,7 +7,8 @@ import json
 import re
 import struct
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
@@ -133,6 +134,17 @@ def _gltf_for_trimesh(path: Path, header: dict[str, Any]) -> bytes:
     content = path.read_bytes()
     text, rest = text + b" " * (-len(text) % 4), content[20 + struct.unpack_from("<I", content, 12)[0] :]
     return struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON") + text + rest
+
+
+@contextmanager
+def of_the_standard(path: Path) -> Iterator[None]:
+    """Raise InputError where what is done with the JSON of a glTF fails on types that the standard does not have there."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (TypeError, AttributeError, LookupError, ValueError) as error:
+        raise InputError(f"{path}: expected glTF 2.0, found what is none ({type(error).__name__}: {error})") from error
 
 
 def expect_plain_gltf(path: Path, header: Mapping[str, Any], *, uv: bool = True) -> None:

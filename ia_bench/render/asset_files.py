@@ -19,7 +19,7 @@ import torch
 from PIL import Image
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.mesh import smooth_normals, sound_mesh, unwrap
+from ia_bench.geometry.mesh import smooth_normals, sound_mesh, unwrap, with_area
 from ia_bench.geometry.mesh_files import joined_normals, turned_normals, wound
 from ia_bench.light.environment import turned
 from ia_bench.material.textures import fetch
@@ -67,10 +67,12 @@ def read_asset(
     Raises:
         InputError: The file, one that it names, or what it asks for cannot be read as one mesh with textures.
     """
-    parts, surfaces = read_parts(path, note)
-    parts = [part for part in parts if len(part.faces)]
+    found, surfaces = read_parts(path, note)
+    parts = [part for part in found if with_area(part.vertices, part.faces).any()]
     if not parts:
         raise InputError(f"{path}: expected triangles, found none")
+    if empty := len(found) - len(parts):
+        note(f"{path.name}: {empty} of {len(found)} parts have no surface and are left out")
     surfaces = {name: _reduced(surfaces[name], texture_size) for name in dict.fromkeys(part.material for part in parts)}
     for name, surface in surfaces.items():
         for what, image in surface.maps.items():
@@ -85,7 +87,7 @@ def read_asset(
             parts[place], surfaces[name] = replace(part, material=name), surfaces[part.material]  # or coordinates would overlap
         if part.colours is not None:
             note(f"{path.name}: colours of vertices, linear as glTF has them, are baked into {side} x {side} texels")
-            parts[place], surfaces[name] = _baked(replace(part, material=name), surfaces[part.material], side)
+            parts[place], surfaces[name] = _baked(path, replace(part, material=name), surfaces[part.material], side)
     surfaces = {part.material: surfaces[part.material] for part in parts}
     parts, surface, assumed = _as_one(path, parts, surfaces, note)
     mesh = _joined(path, parts, note)
@@ -129,12 +131,12 @@ def _with_uv(path: Path, part: Part, surfaces: Mapping[str, Surface]) -> Part:
         raise InputError(f"{path}: expected texture coordinates within 0 ... 1 for its texture of {large[0]}, found {found}")
     if part.colours is not None:  # which are baked into a texture next
         return replace(part, uv=None)
-    return _unwrapped(part)[0]
+    return _unwrapped(path, part)[0]
 
 
-def _baked(part: Part, surface: Surface, side: int) -> tuple[Part, Surface]:
+def _baked(path: Path, part: Part, surface: Surface, side: int) -> tuple[Part, Surface]:
     """The part over new texture coordinates, and its maps with ``side`` x ``side`` texels, colours of vertices among them."""
-    made, mesh = _unwrapped(part)  # triangles and corners keep their order
+    made, mesh = _unwrapped(path, part)  # triangles and corners keep their order
     atlas = Atlas.of(mesh, side, torch.device("cpu"))
     second, third = atlas.barycentric.T
     weights = torch.stack([1 - second - third, second, third], -1)[..., None]
@@ -153,14 +155,13 @@ def _baked(part: Part, surface: Surface, side: int) -> tuple[Part, Surface]:
     return made, Surface(**maps)
 
 
-def _unwrapped(part: Part) -> tuple[Part, Mesh]:
+def _unwrapped(path: Path, part: Part) -> tuple[Part, Mesh]:
     """The part over new texture coordinates, without its colours, and its mesh, which has normals in any case."""
-    import trimesh
-
-    normals = part.normals
-    if normals is None:
-        normals = np.asarray(trimesh.Trimesh(part.vertices, part.faces, process=False).vertex_normals)
-    mesh = unwrap(part.vertices, part.faces, normals)
+    normals = smooth_normals(part.vertices, part.faces) if part.normals is None else part.normals
+    try:
+        mesh = unwrap(part.vertices, part.faces, normals)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     return Part(mesh.vertices, mesh.faces, None if part.normals is None else mesh.normals, mesh.uv, part.material), mesh
 
 

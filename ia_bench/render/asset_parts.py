@@ -29,6 +29,7 @@ from ia_bench.geometry.mesh_files import (
     gltf_header,
     named_by_gltf,
     obj_text,
+    of_the_standard,
     parsed_by_trimesh,
     placed_parts,
     stored_normals,
@@ -76,7 +77,10 @@ def read_parts(path: Path, note: Note) -> Parts:
     kind = path.suffix.lower()
     if kind not in (".glb", ".gltf", ".obj"):
         raise InputError(f"{path}: expected a mesh with textures (.glb, .gltf or .obj), found {kind or 'no suffix'}")
-    return (_obj if kind == ".obj" else _gltf)(path, note)
+    if kind == ".obj":
+        return _obj(path, note)
+    with of_the_standard(path):
+        return _gltf(path, note)
 
 
 def asset_files(path: Path) -> list[Path]:

@@ -6,7 +6,8 @@ import errno
 import math
 import os
 import re
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -44,15 +45,16 @@ def read_exr(path: Path, channels: int | None, *, grey: bool = False) -> np.ndar
     if path.suffix.lower() != ".exr":
         kind = path.suffix or "suffixless"
         raise InputError(f"{path}: expected linear values in OpenEXR (.exr; of a light also Radiance, .hdr), found a {kind} file")
+    said = StringIO()  # what it prints of a damaged file, and does not raise
     try:
-        with OpenEXR.File(str(path), header_only=True) as file:
+        with redirect_stdout(said), OpenEXR.File(str(path), header_only=True) as file:
             stored, window = (np.array(file.header()[key], int) for key in ("dataWindow", "displayWindow"))
         for first, last in (stored, window):
             expect_size_to_read(path, *(last - first + 1).tolist())
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with redirect_stdout(said), OpenEXR.File(str(path), separate_channels=True) as file:
             found = {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, OSError, ValueError) as error:
-        raise InputError(f"{path}: not a readable OpenEXR file ({error})") from None
+        raise InputError(f"{path}: not a readable OpenEXR file ({' '.join(said.getvalue().split()) or error})") from None
     names = {1: "Y", 3: "RGB", 4: "RGBA"}[channels or (1 if grey and "R" not in found else 4 if "A" in found else 3)]
     missing = [name for name in names if name not in found]
     if missing:

@@ -6,7 +6,9 @@ Whatever is read, its size is asked for before its pixels, here and for arrays o
 from __future__ import annotations
 
 import struct
+import tokenize
 import warnings
+import zlib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from io import BytesIO
@@ -33,6 +35,11 @@ PROFILE_ROUNDING = 2  # steps of 255 by which a profile of sRGB itself may move 
 IGNORED = "is ignored, and sRGB assumed"
 REDUCED = "its 16 bits a channel are read as 8; OpenEXR keeps them"
 
+BROKEN_ARRAYS = (
+    OSError, ValueError, TypeError, EOFError, SyntaxError, MemoryError, OverflowError, RuntimeError, BadZipFile, zlib.error,
+    tokenize.TokenError,
+)  # fmt: skip
+"""What numpy raises for damaged files, and for those of another kind."""
 ALPHA_ROUNDING = 1e-3  # half floats and filters pass 0 and 1 by a little
 
 
@@ -257,7 +264,7 @@ def _arrays(path: Path, load: Callable[[], Mapping[str, Any]]) -> dict[str, np.n
         stored = load()
     except InputError:
         raise
-    except (OSError, ValueError, EOFError, SyntaxError, MemoryError, OverflowError, BadZipFile):
+    except BROKEN_ARRAYS:
         raise InputError(f"{path}: expected arrays of numbers (.npy, .npz), found a damaged file or another one") from None
     for key, values in stored.items():
         where = f"{path}: {key}" if key else f"{path}"

@@ -1,5 +1,6 @@
 """The mesh reader: what it repairs and says, what it refuses; on copies of the mesh of `tiny` broken in one place."""
 
+import json
 import os
 import re
 import signal
@@ -266,6 +267,32 @@ def test_useless_normals_are_computed_again(tmp_path: Path, ply: Ply, tiny: Scen
     mesh, notes = load_mesh(ply.write(tmp_path / "mesh.ply"))
     assert notes == ("mesh.ply: stored normals are zero or not finite in places; smooth normals computed instead",)
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
+
+
+def test_stored_normals_stay_where_one_that_nobody_needs_is_not_finite(tmp_path: Path, ply: Ply, tiny: Scene) -> None:
+    """Also beside a triangle of one point, whose smooth normal is none."""
+    ply.vertices = np.concatenate([ply.vertices, [[9, 9, 9]]])
+    ply.normals = np.concatenate([ply.normals, [[np.nan] * 3]])
+    ply.uv = np.concatenate([ply.uv, [[0.5, 0.5]]])
+    last = len(ply.vertices) - 1
+    ply.faces = np.concatenate([ply.faces, [[last, last, last]]])
+    mesh, notes = load_mesh(ply.write(tmp_path / "mesh.ply"))
+    np.testing.assert_allclose(mesh.normals, tiny.mesh.normals, atol=1e-6)
+    assert [note.partition(": ")[2] for note in notes] == [
+        f"dropped 1 zero-area triangles of {len(ply.faces)}",
+        f"dropped 1 unreferenced vertices of {len(ply.vertices)}",
+    ]
+
+
+def test_types_that_glTF_has_not_are_told(tmp_path: Path, tiny: Scene) -> None:
+    mesh = trimesh.Trimesh(tiny.mesh.vertices, tiny.mesh.faces, process=False)
+    content = json.loads(trimesh.Scene(mesh).export(file_type="gltf")["model.gltf"])
+    (tmp_path / "mesh.gltf").write_text(json.dumps({**content, "extensionsRequired": None}))
+    for name, data in trimesh.Scene(mesh).export(file_type="gltf").items():
+        if name != "model.gltf":
+            (tmp_path / name).write_bytes(data)
+    with pytest.raises(InputError, match=r"mesh\.gltf: expected glTF 2\.0, found what is none \(TypeError"):
+        load_mesh(tmp_path / "mesh.gltf", uv="xatlas")
 
 
 def test_a_ply_of_several_textures_is_refused_or_unwrapped(tmp_path: Path, ply: Ply) -> None:

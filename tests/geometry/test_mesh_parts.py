@@ -218,3 +218,14 @@ def test_each_closed_part_is_turned_outward_but_a_hollow(tmp_path: Path, turned:
     assert outward[~small].all()
     assert outward[small].all() != hollow
     assert any("closed parts (1) that are inside out" in note for note in notes) != hollow
+
+
+def test_cards_with_two_sides_are_not_inside_out(tmp_path: Path) -> None:
+    """What they enclose is rounding, of either sign."""
+    for number in range(8):
+        turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(number).random(3))
+        corners, sides = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]
+        card = trimesh.Trimesh(corners, sides, process=False)
+        card.apply_transform(turn)
+        card.export(tmp_path / "mesh.ply")
+        assert not any("inside out" in note for note in load_mesh(tmp_path / "mesh.ply", uv="xatlas")[1])

@@ -61,6 +61,20 @@ GLTF_MISTAKES = {
         "a.glb: material 0: expected roughness from 0 to 1, found 2 to 2",
     ),
     "a name": (set_in("materials", 0, value={"name": "steel", **FACTOR_OF_2}), "material 0 (steel): expected roughness"),
+    **{
+        f"{'.'.join(map(str, keys))} = {value}": (set_in(*keys, value=value), "a.glb: expected glTF 2.0, found what is none")
+        for keys, value in {
+            ("materials",): {},
+            ("materials", 0): None,
+            ("meshes",): None,
+            BASE: 5,
+            ("meshes", 0, "primitives", 0, "attributes"): None,
+            ("materials", 0, "emissiveFactor"): None,
+            ("textures", 0, "sampler"): 3,
+            ("nodes",): None,
+            ("meshes", 0, "weights"): 3,
+        }.items()
+    },
     "no triangles": (without_triangles, "expected triangles, found none"),
 }
 

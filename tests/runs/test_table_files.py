@@ -50,7 +50,8 @@ def test_bad_table_file_is_named() -> None:
         ("scenes: [{name: a}, a]", "scenes: expected different names, found a, a"),
         ("scenes: [{name: 'a ${seed}'}]", r"bad\.yaml: scenes: expected names without \${, which .*, found a \${seed}$"),
         ("rows: [{name: 'a ${seed}', overrides: []}]", r"rows: expected names without \${, which .*, found a \${seed}$"),
-        ("scenes: [{name: a, path: 3}]", "scenes.0"),
+        ("scenes: [{name: a, path: 3}]", "scenes.0.path: expected text"),
+        ("scenes: [{name: a, raeder: colmap}]", r"unknown setting 'scenes.0.raeder'; did you mean 'scenes.0.reader'\?"),
         ("scenes: [{name: a, capture: phone}]\ncaptures: [{views: 8}]", "scenes: a: capture: expected none in a table"),
         *(
             (f"rows: [{{name: a, overrides: ['{override}']}}]", rf"rows: a: overrides: {re.escape(override)}: the table sets this")

@@ -157,6 +157,14 @@ def test_a_folder_or_garbage_is_no_image(tmp_path: Path) -> None:
             read_exr(tmp_path / name, 3)
 
 
+def test_a_picture_that_ends_too_early_is_told_and_nothing_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_exr(tmp_path / "short.exr", np.ones((16, 16, 3)), half=False)
+    (tmp_path / "short.exr").write_bytes((tmp_path / "short.exr").read_bytes()[:-40])
+    with pytest.raises(InputError, match=r"short\.exr: not a readable OpenEXR file \(.*reading pixel data"):
+        read_exr(tmp_path / "short.exr", 3)
+    assert capsys.readouterr().out == ""
+
+
 def test_a_deep_image_is_refused(tmp_path: Path) -> None:
     pixels = np.empty((2, 3), object)
     for place in np.ndindex(2, 3):

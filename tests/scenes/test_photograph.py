@@ -3,6 +3,7 @@
 import struct
 import warnings
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -196,3 +197,21 @@ def test_bits_that_are_lost_are_told(tmp_path: Path, colour: int, channels: int,
     assert all("deep.png: its 16 bits a channel are read as 8" in note for note in notes)
     kept = srgb_to_linear(np.array(0xFE80 / 65535 if not told else 0xFE / 255)) * coverage
     np.testing.assert_allclose(radiance[..., 0], kept, rtol=1e-5)
+
+
+def test_damaged_arrays_are_one_sentence(tmp_path: Path) -> None:
+    """An array under the name of an archive, and bytes that are others anywhere in an archive."""
+    with (tmp_path / "array.npz").open("wb") as file:
+        np.save(file, np.ones(3))
+    np.savez_compressed(tmp_path / "whole.npz", a=np.arange(60.0))
+    whole = (tmp_path / "whole.npz").read_bytes()
+    refused = 0
+    for place in range(len(whole)):
+        (tmp_path / "other.npz").write_bytes(whole[:place] + bytes([whole[place] ^ 255]) + whole[place + 1 :])
+        with suppress(InputError):
+            read_arrays(tmp_path / "other.npz", lambda name: True)
+            refused -= 1
+        refused += 1
+    assert refused > 100
+    with pytest.raises(InputError, match=r"array\.npz: expected arrays of numbers"):
+        read_arrays(tmp_path / "array.npz", lambda name: True)
