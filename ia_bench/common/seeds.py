@@ -2,7 +2,8 @@
 
 What published numbers and the shipped weights were made with keeps its draws, seeded in another way: the steps of a fit (one
 generator of the run's seed), the views that a distilling fit draws (seed, step), and the training of the priors (its data by
-seed, purpose and number; its order and augmentation by ``ia_bench_training.resuming.stream``; the refiner's batches by a sum).
+seed, purpose and number; its order and augmentation by ``ia_bench_training.resuming.stream``; the refiner's batches by a sum;
+that of ``yi`` and ``usi3d`` by their own seeds).
 """
 
 from __future__ import annotations

@@ -131,6 +131,9 @@ class BroughtPictures:
             name: {camera_key(camera): path for (_, camera), path in zip(views[name], self._files(name, views), strict=True)}
             for name in folders
         }
+        for name, found in self.paths.items():
+            if len(found) < len(views[name]):
+                raise InputError(f"{self._folder}: {name}: expected views of different cameras, by which pictures are told apart")
 
     def _files(self, name: str, views: HeldOut) -> list[Path]:
         """The file of each view. Raises InputError naming those that have none."""

@@ -27,7 +27,7 @@ PIXELS = 8192
 """At most, of the render that tells the light of the mean image."""
 USUAL, LEVEL = (0.04, 4.0), 0.2
 """Photographs whose mean radiance lies in the range USUAL, as in all scenes by which prices and weights were chosen, are compared
-as they are, others as if it were LEVEL: what a fit finds must not depend on the unit of the radiance."""
+as they are, others as if it were LEVEL: what a fit finds must not depend much on the unit of the radiance."""
 AMBIENT_RAYS = 32  # a pixel, shared by its points
 CHUNK = 16_384  # pixels at a time
 COUNTED = 128

@@ -25,6 +25,9 @@ from ia_bench.render.stage import Stage
 from ia_bench.runs.config import ReaderConfig, RunConfig, SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Scene, View
 
+SHOWN = (0.02, 2.0)
+"""Between these is the mean radiance of the object in photographs that a display shows: neither nearly black nor nearly white."""
+
 
 def open_scene(scene: SceneConfig, reader: ReaderConfig) -> SceneReader:
     """The reader, made for the scene; nothing is read yet. Raises InputError for one that cannot be used, or is no reader."""
@@ -65,6 +68,12 @@ def tell(scene: Scene, note: Callable[[str], None], *, aligned: bool = True) -> 
         check_agreement(scene, note)
     for component, reason in unscored(scene, aligned=aligned).items():
         note(f"{component} will not be scored: {reason}")
+    inside = [float(view.image[view.mask > 0.5].mean()) for view in scene.novel]
+    if inside and not SHOWN[0] <= (mean := sum(inside) / len(inside)) <= SHOWN[1]:
+        note(
+            f"held-out photographs have a mean radiance of {mean:.3g}, and scores see what a display shows, from black at 0 to "
+            "white at 1: multiply photographs and lights by one factor that makes it about .3, or scores of pictures mean little"
+        )
 
 
 class ToldPrior(WrappedPrior):

@@ -210,12 +210,13 @@ def over_white(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
 def exposed(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
     """Compare a render times one factor, for a photograph of unknown exposure: s = <predicted, true> / <predicted, predicted>.
 
-    Over the linear values of the scored pixels that the render covers, all channels together; 1 for a black render.
+    Over the linear values of the scored pixels that the render covers, all channels together; 1 for a black render. The power of
+    the render's noise, which its two halves tell, is no part of the denominator.
     """
     _expect_finite(view, view.mask)
     inside = view.mask & (view.coverage[0] > 0)
-    predicted, true = view.predicted[inside].astype(np.float64), view.true[inside].astype(np.float64)
-    power = (predicted**2).sum()
+    predicted, true = view.predicted[inside], view.true[inside]
+    power = (predicted**2).sum() - (0.0 if view.spread is None else (view.spread[inside] ** 2).sum())
     factor = (predicted * true).sum() / power if power > BLACK else 1.0
     spread = None if view.spread is None else factor * view.spread
     return pictures(replace(view, predicted=factor * view.predicted, spread=spread), protocol, encoding)

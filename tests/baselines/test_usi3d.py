@@ -9,15 +9,8 @@ from training.test_dataset import shard
 from ia_bench.common.errors import InputError
 from ia_bench_baselines.usi3d.data import UnpairedImages
 from ia_bench_baselines.usi3d.losses import discriminator_loss, physical_error, picture_error
-from ia_bench_baselines.usi3d.networks import Discriminator, instance_normalised
+from ia_bench_baselines.usi3d.networks import Discriminator
 from ia_bench_training.shards import ShardInfo, write_shard
-
-
-def test_instance_norm_is_torchs_and_forgets_gain_and_offset():
-    features = torch.randn(2, 5, 9, 7, generator=torch.Generator().manual_seed(0))
-    found = instance_normalised(features)
-    torch.testing.assert_close(found, torch.nn.functional.instance_norm(features))
-    torch.testing.assert_close(found, instance_normalised(3 * features - 2), rtol=1e-4, atol=1e-4)
 
 
 def test_the_domains_have_no_object_in_common(tmp_path: Path):

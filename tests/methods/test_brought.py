@@ -271,3 +271,11 @@ def test_a_mistake_is_one_sentence_that_names_it(scene: Scene, pictures: Path, c
     with pytest.raises(InputError, match=re.escape(said)) as error:
         brought(scene, BroughtImages, path=str(pictures), **options)
     assert "\n" not in str(error.value)
+
+
+def test_two_views_of_one_camera_are_refused(scene: Scene, pictures: Path) -> None:
+    """As brackets of exposures are: pictures are told apart by their cameras."""
+    first, second, *others = scene.test
+    twice = replace(scene, test=(first, replace(second, camera=first.camera), *others))
+    with pytest.raises(InputError, match="albedo: expected views of different cameras, by which pictures are told apart"):
+        brought(twice, BroughtImages, path=str(pictures))

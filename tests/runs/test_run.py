@@ -99,6 +99,14 @@ def test_a_mesh_that_was_made_is_not_said_to_be_missing(tiny: Scene, made: bool)
     assert "another note" in said
 
 
+@pytest.mark.parametrize(("factor", "told"), [(1.0, False), (100.0, True), (0.01, True)])
+def test_photographs_in_a_unit_that_scores_cannot_see_are_told(tiny: Scene, factor: float, told: bool) -> None:
+    novel = tuple(replace(view, image=view.image * np.float32(factor)) for view in tiny.novel)
+    said = list[str]()
+    tell(replace(tiny, novel=novel), said.append)
+    assert any("have a mean radiance of" in line for line in said) == told
+
+
 def test_training_images_are_held_once_where_nothing_scores_them(tiny: Scene) -> None:
     """Where there are test views; else pictures show training images, which are then the run's own."""
     given = tiny.blind()

@@ -75,6 +75,14 @@ def test_halves_that_are_equal_have_no_noise_and_exposures_scale_it() -> None:
     np.testing.assert_allclose(spread, 2 * both.spread[0])
 
 
+def test_noise_makes_no_exposure_too_small() -> None:
+    """The factor of a noisy copy of the truth is 1: the power of the noise is no part of the render's."""
+    (pair,) = Pairs(noisy(TRUE, 0.1), picture(TRUE), 0.5, "render")
+    found = comparison.exposed(pair, V3, "linear")
+    factor = np.median(found.predicted[pair.mask] / pair.predicted[pair.mask])
+    assert factor == pytest.approx(1, abs=0.01)  # .95 with the noise's power
+
+
 @dataclass(frozen=True)
 class NoisyBall(Ball):
     """Whose renderer draws by chance, as its quality's seed says; it notes what it is asked for."""

@@ -45,6 +45,7 @@ class ShadedReconstruction:
         environment: Environment | None,
         shader: Callable[[Environment | None, Quality], Shader | None],
         light_rows: int = 32,
+        at_once: int = POINTS_AT_ONCE,
     ) -> None:
         """What was recovered.
 
@@ -56,11 +57,12 @@ class ShadedReconstruction:
             shader: Makes what shades points under a light, None standing for the recovered one; it answers None where the method
                 cannot render under that light.
             light_rows: Of the lat-long map that an environment which is none is exported as.
+            at_once: How many points are shaded together.
         """
         self.renderer, self.environment = renderer, environment
         light = None if environment is None else environment.latlong(light_rows)
         self._textures = TexturedReconstruction(stage, material, light)
-        self._stage, self._shader = stage.apart, shader
+        self._stage, self._shader, self._at_once = stage.apart, shader, at_once
 
     def maps(self, cameras: Sequence[Camera], names: Collection[str], *, points: int) -> dict[str, Images]:
         """See :meth:`ia_bench.render.reconstruction.Reconstruction.maps`."""
@@ -80,7 +82,7 @@ class ShadedReconstruction:
             hit = gbuffer.face >= 0
             entry, _ = torch.nonzero(hit, as_tuple=True)
             face, barycentric, origin = gbuffer.face[hit], gbuffer.barycentric[hit], gbuffer.seen_from(entry)
-            for part in torch.arange(len(face), device=face.device).split(POINTS_AT_ONCE):
+            for part in torch.arange(len(face), device=face.device).split(self._at_once):
                 radiance = shade(self._stage.surface(face[part], barycentric[part], origin[part]), albedo_scale)
                 mean.index_add_(0, entry[part], radiance / gbuffer.subsamples)
             images += list(gbuffer.images(mean).cpu().numpy())

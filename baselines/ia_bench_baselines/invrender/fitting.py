@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ia_bench.common.seeds import derive_seed
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.descent import Phase
@@ -27,7 +28,7 @@ class Fitting:
         self._options, self._stage = options, problem.stage
         self._pixels = TrainingPixels(problem)
         self._transport = Transport.of(problem.stage, options.atlas, options.directions)
-        generator = torch.Generator().manual_seed(seed)
+        generator = torch.Generator().manual_seed(derive_seed(seed, "weights"))
         self.model = InvRenderModel(problem.scene.expect_mesh(), options.width, options.octaves, generator).to(problem.device)
         self.model.light_up(float(self._pixels.radiance.mean()))
         self._indirect: IndirectLight | None = None

@@ -19,9 +19,11 @@ from torch import Tensor
 
 from ia_bench.common.seeds import derive_seed
 from ia_bench.material.brdf import MIN_ROUGHNESS
-from ia_bench.material.textures import Material, fill_unobserved, splat
+from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.photographs import restrict
+from ia_bench.methods.couplings.sampler import pixel_samples
+from ia_bench.methods.two_stage.fit import initial_albedo
+from ia_bench.priors.contract import Samples
 from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
 from ia_bench_baselines.mitsuba_adam.settings import MitsubaAdamOptions
 
@@ -150,17 +152,8 @@ class Loop:
 
 def initial_material(problem: Problem, options: MitsubaAdamOptions, albedo: Mapping[int, Tensor] | None) -> Material:
     """Where our fit starts: the prior's albedo averaged in texture space, or a constant of the images' mean colour."""
-    size, gbuffer = problem.plan.texture, problem.gbuffer
-    roughness = torch.full((size, size, 1), options.roughness_initial)
-    if not albedo:
-        images = torch.stack([torch.from_numpy(view.image) for view in problem.scene.train])
-        mean = problem.pixels_of(images.to(problem.device)).mean(0).cpu()
-        colour: Tensor = options.albedo_initial * mean / mean.mean().clamp_min(1e-8)
-        return Material((colour / colour.max().clamp_min(1)).expand(size, size, 3).contiguous(), roughness)
-    part, _ = restrict(gbuffer, tuple(albedo))
-    hit = part.face >= 0
-    uv = problem.stage.surface.uv(part.face[hit].long(), part.barycentric[hit])
-    target = torch.stack(list(albedo.values())).reshape(-1, 3)[part.pixel.cpu()].to(problem.device)
-    values = (target / hit.float().mean(1, keepdim=True))[:, None].expand(-1, part.subsamples, -1)[hit]
-    average, weight = splat(uv, values, size)
-    return Material(fill_unobserved(average, weight > 0).clamp(0, 1).cpu(), roughness)
+    targets = None
+    if albedo:
+        targets = pixel_samples(problem, Samples({"albedo": torch.stack(list(albedo.values()))}), tuple(albedo))
+    start, size = initial_albedo(problem, options.albedo_initial, targets), problem.plan.texture
+    return Material(start.cpu().contiguous(), torch.full((size, size, 1), options.roughness_initial))

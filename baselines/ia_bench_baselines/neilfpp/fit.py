@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from ia_bench.common.seeds import derive_seed
 from ia_bench.light.environment import Environment
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
@@ -42,7 +43,7 @@ class NeilfFit:
         self._edges = scharr_edges(images).reshape(-1)[self._pixels.gbuffer.pixel[self._pixels.entries]]
         vertices = torch.from_numpy(problem.scene.expect_mesh().vertices)
         corners = torch.stack([vertices.amin(0), vertices.amax(0)]).to(problem.device)
-        generator = torch.Generator(device=problem.device).manual_seed(seed)
+        generator = torch.Generator(device=problem.device).manual_seed(derive_seed(seed, "weights"))
         self.neilf = Neilf(options, corners, float(self._pixels.radiance.median()), generator)
 
     def phases(self) -> list[Phase]:

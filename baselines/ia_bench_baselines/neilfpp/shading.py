@@ -12,9 +12,10 @@ import math
 from typing import NamedTuple
 
 import torch
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from ia_bench.material.brdf import F0, normalize, sample_visible_ggx, visible_ggx_pdf
+from ia_bench.material.brdf import F0, sample_visible_ggx, visible_ggx_pdf
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench_baselines.common.half_vectors import cosines, half_vector
 from ia_bench_baselines.common.spherical_gaussians.lobes import fibonacci_axes
@@ -60,14 +61,8 @@ def sphere_directions(count: int, generator: torch.Generator) -> Tensor:
 
 def random_rotation(generator: torch.Generator) -> Tensor:
     """A rotation (3, 3), uniform among all: that of a unit quaternion of normal deviates (Shoemake 1992)."""
-    quaternion = torch.randn(1, 4, generator=generator, device=generator.device)
-    w, x, y, z = normalize(quaternion)[0]
-    rows = [
-        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]),
-        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]),
-        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]),
-    ]
-    return torch.stack(rows)
+    w, x, y, z = torch.randn(4, generator=generator, device=generator.device).tolist()
+    return torch.tensor(Rotation.from_quat([x, y, z, w]).as_matrix(), dtype=torch.float32, device=generator.device)
 
 
 def reflect(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ia_bench.common.seeds import derive_seed
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.material.textures import Material, fetch
 from ia_bench.methods.contract import Monitor, Problem, Result
@@ -39,7 +40,7 @@ def fit(problem: Problem, options: NvdiffrecOptions, *, seed: int, monitor: Moni
     @torch.no_grad()
     def start() -> None:
         """Images are linear in the light: begin with the even, grey one under which the object is as bright as they are."""
-        some = pixels.draw(options.pixels, torch.Generator(device=problem.device).manual_seed(seed))
+        some = pixels.draw(options.pixels, torch.Generator(device=problem.device).manual_seed(derive_seed(seed, "start")))
         unlit = _radiance(scene.textures(), PrefilteredLight(scene.light), pixels.points(some))
         scene.log_light.add_(torch.log(pixels.radiance.mean().clamp_min(1e-8) / unlit.mean().clamp_min(1e-8)))
 
@@ -80,11 +81,11 @@ def reconstruction(problem: Problem, material: Material, light: Tensor) -> Shade
         if novel is not None:
             return None
         prefiltered = PrefilteredLight(light)
-        scale = torch.ones(5, device=light.device)
 
         def radiance(points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
-            if albedo_scale is not None:
-                scale[:3] = albedo_scale
+            if albedo_scale is None:
+                return _radiance(textures, prefiltered, points)
+            scale = torch.cat([albedo_scale.to(textures), textures.new_ones(2)])
             return _radiance(textures * scale, prefiltered, points)
 
         return radiance

@@ -14,33 +14,32 @@ import torch
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
-from ia_bench.material.brdf import MIN_COSINE, MIN_ROUGHNESS, dot, normalize, sample_visible_ggx, smith_g1, smith_visibility
+from ia_bench.material.brdf import F0, MIN_COSINE, MIN_ROUGHNESS, dot, normalize, sample_visible_ggx, smith_g1, smith_visibility
 from ia_bench_baselines.nvdiffrec.prefilter import PrefilteredLight
 
-DIELECTRIC = 0.04  # reflectance at normal incidence
 GRID, SAMPLES = 32, 512
 GOLDEN = 0.6180339887498949  # fraction of the golden ratio: its multiples fill [0, 1] evenly
 
 
 @functools.cache
-def white_reflectance(size: int = GRID, samples: int = SAMPLES) -> Tensor:
-    """A and B of a lobe under white light with Schlick's Fresnel term, (2, size, size): rows are roughness, columns n.v, 0 to 1.
+def white_reflectance() -> Tensor:
+    """A and B of a lobe under white light with Schlick's Fresnel term, (2, GRID, GRID): rows are roughness, columns n.v, 0 to 1.
 
     Each sample is drawn from the visible normals, so that it weighs G2 / G1 (Heitz 2018).
     """
-    values = torch.linspace(0, 1, size)
+    values = torch.linspace(0, 1, GRID)
     grids = torch.meshgrid(values.clamp_min(MIN_ROUGHNESS), values.clamp_min(MIN_COSINE), indexing="ij")
-    roughness, cosine = (grid.reshape(-1, 1, 1).expand(-1, samples, 1) for grid in grids)
+    roughness, cosine = (grid.reshape(-1, 1, 1).expand(-1, SAMPLES, 1) for grid in grids)
     normal = torch.tensor([0.0, 0.0, 1.0]).expand(*cosine.shape[:2], 3)
     view = torch.cat([torch.sqrt(1 - cosine * cosine), torch.zeros_like(cosine), cosine], -1)
-    index = torch.arange(samples, dtype=torch.float64)
-    u = torch.stack([(index + 0.5) / samples, torch.remainder((index + 0.5) * GOLDEN, 1)], -1).float()
+    index = torch.arange(SAMPLES, dtype=torch.float64)
+    u = torch.stack([(index + 0.5) / SAMPLES, torch.remainder((index + 0.5) * GOLDEN, 1)], -1).float()
     incident = sample_visible_ggx(normal, view, roughness, u.expand(*cosine.shape[:2], 2))
     cos_i, alpha = incident[..., 2:], roughness * roughness
     masked = 4 * cosine * cos_i.clamp_min(MIN_COSINE) * smith_visibility(cos_i.clamp_min(MIN_COSINE), cosine, alpha)
     weight = torch.where(cos_i > 0, masked / smith_g1(cosine, alpha), torch.zeros_like(masked))
     grazing = (1 - dot(view, normalize(view + incident)).clamp(0, 1)) ** 5
-    scale, bias = ((weight * part).mean(1).reshape(size, size) for part in (1 - grazing, grazing))
+    scale, bias = ((weight * part).mean(1).reshape(GRID, GRID) for part in (1 - grazing, grazing))
     return torch.stack([scale, bias])
 
 
@@ -57,6 +56,6 @@ def shade(
     table = white_reflectance().to(normal.device)
     place = torch.cat([cosine.clamp(0, 1), roughness], -1) * (2 * (GRID - 1) / GRID) - (GRID - 1) / GRID
     scale, bias = grid_sample(table[None], place[None, :, None], align_corners=False)[0, :, :, :1].unbind(0)
-    reflectance = DIELECTRIC * (1 - metallic) + metallic * base_colour
+    reflectance = F0 * (1 - metallic) + metallic * base_colour
     diffuse = base_colour * (1 - metallic) * light.irradiance(normal)
     return diffuse + light.glossy(mirrored, roughness) * (reflectance * scale + bias)

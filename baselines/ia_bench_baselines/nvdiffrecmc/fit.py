@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from ia_bench.common.seeds import derive_seed
 from ia_bench.light.environment import Environment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS, normalize
@@ -84,7 +85,7 @@ class Fit:
     @torch.no_grad()
     def _start(self) -> None:
         """Images are linear in the light: begin with the even, grey one under which the object is as bright as they are."""
-        generator = torch.Generator(device=self._problem.device).manual_seed(self._seed)
+        generator = torch.Generator(device=self._problem.device).manual_seed(derive_seed(self._seed, "start"))
         some = self._pixels.draw(4096, generator)
         unlit = self._render(some, self._scene.light, generator).radiance.mean()
         self._scene.log_light.add_(torch.log(self._pixels.radiance.mean().clamp_min(1e-8) / unlit.clamp_min(1e-8)))

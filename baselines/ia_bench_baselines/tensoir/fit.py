@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ia_bench.common.seeds import derive_seed
 from ia_bench.light.environment import Environment
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
@@ -41,7 +42,7 @@ class TensoirFit:
         self._pixels = TrainingPixels(problem, self._side)
         vertices = torch.from_numpy(problem.scene.expect_mesh().vertices)
         corners = torch.stack([vertices.amin(0), vertices.amax(0)]).to(problem.device)
-        self.model = Tensoir(options, corners, torch.Generator(device=problem.device).manual_seed(seed))
+        self.model = Tensoir(options, corners, torch.Generator(device=problem.device).manual_seed(derive_seed(seed, "weights")))
 
     def phases(self) -> list[Phase]:
         """The radiance head; both heads; both heads on the fine tensor."""
@@ -150,16 +151,12 @@ def reconstruction(problem: Problem, model: Tensoir, size: int, options: Tensoir
         generator = torch.Generator(device=problem.device).manual_seed(quality.seed)
 
         def radiance(points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
-            seen = []
-            for part in torch.arange(len(points.normal), device=problem.device).split(POINTS_AT_ONCE):
-                some = part_of(points, part)
-                local = model.local(some.position)
-                colour, rough = model.material(model.features(local), local)
-                colour = colour if albedo_scale is None else colour * albedo_scale.to(colour)
-                drawn = draw_directions(light, some, rough, count, generator)
-                arriving = arriving_light(problem.stage.apart, some, drawn, model if novel is None else None)
-                seen.append(reflect(some, colour, rough, drawn.direction, drawn.weight, arriving))
-            return torch.cat(seen)
+            local = model.local(points.position)
+            colour, rough = model.material(model.features(local), local)
+            colour = colour if albedo_scale is None else colour * albedo_scale.to(colour)
+            drawn = draw_directions(light, points, rough, count, generator)
+            arriving = arriving_light(problem.stage.apart, points, drawn, model if novel is None else None)
+            return reflect(points, colour, rough, drawn.direction, drawn.weight, arriving)
 
         return radiance
 
@@ -170,4 +167,5 @@ def reconstruction(problem: Problem, model: Tensoir, size: int, options: Tensoir
         renderer=renderer if options.head == "brdf" else f"radiance head; {renderer} under novel lights",
         environment=SphericalGaussianEnvironment(lobes),
         shader=shader,
+        at_once=POINTS_AT_ONCE,
     )

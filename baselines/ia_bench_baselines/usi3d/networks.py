@@ -22,21 +22,9 @@ HIDDEN = 64  # of the perceptrons
 EPSILON = 1e-5
 
 
-def instance_statistics(features: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean and standard deviation over the pixels of every channel of every picture: (N, C, H, W) to two (N, C, 1, 1)."""
-    variance, mean = torch.var_mean(features, (2, 3), correction=0, keepdim=True)
-    return mean, torch.sqrt(variance + EPSILON)
-
-
-def instance_normalised(features: Tensor) -> Tensor:
-    """Every channel of every picture with mean 0 and standard deviation 1."""
-    mean, deviation = instance_statistics(features)
-    return (features - mean) / deviation
-
-
 def adaptive_instance_norm(features: Tensor, shift: Tensor, scale: Tensor) -> Tensor:
     """AdaIN (Huang and Belongie 2017): the features with mean ``shift`` and standard deviation |``scale``|, each (N, C)."""
-    return instance_normalised(features) * scale[..., None, None] + shift[..., None, None]
+    return F.instance_norm(features, eps=EPSILON) * scale[..., None, None] + shift[..., None, None]
 
 
 def _perceptron(inputs: int, outputs: int) -> nn.Sequential:
@@ -56,7 +44,7 @@ class _Residual(nn.Module):
         for place, layer in enumerate((self.first, self.second)):
             changed = layer(changed)
             if moments is None:
-                changed = instance_normalised(changed)
+                changed = F.instance_norm(changed)
             else:
                 changed = adaptive_instance_norm(changed, moments[:, place, 0], 1 + moments[:, place, 1])
             changed = F.relu(changed) if place == 0 else changed
@@ -74,9 +62,9 @@ class ContentEncoder(nn.Module):
 
     def forward(self, picture: Tensor) -> Tensor:
         """The content of a picture."""
-        features = F.relu(instance_normalised(self.first(picture)))
+        features = F.relu(F.instance_norm(self.first(picture)))
         for layer in self.down:
-            features = F.relu(instance_normalised(layer(features)))
+            features = F.relu(F.instance_norm(layer(features)))
         for block in self.blocks:
             features = block(features)
         return features

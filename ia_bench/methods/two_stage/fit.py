@@ -80,7 +80,8 @@ class TwoStageFit:
         if problem.photographs.unit != 1:
             self.monitor.note(f"photographs: their mean radiance is unusual; compared multiplied by {problem.photographs.unit:.3g}")
         self._ask(guided=False)
-        start_albedo(self.parameters, problem, settings.albedo_initial, self.prior.start)
+        with torch.no_grad():
+            self.parameters.tensors["albedo"].copy_(initial_albedo(problem, settings.albedo_initial, self.prior.start))
         start_light(self.parameters, problem, self.descent.generator)
 
     def _begin_stage2(self, done: int) -> None:
@@ -155,23 +156,22 @@ class TwoStageFit:
 
 
 @torch.no_grad()
-def start_albedo(parameters: Parameters, problem: Problem, mean: float, targets: PixelSamples | None) -> None:
-    """Set the albedo to the ``targets`` averaged over the views in texture space.
+def initial_albedo(problem: Problem, mean: float, targets: PixelSamples | None) -> Tensor:
+    """The albedo (T, T, 3) that a fit starts from: the ``targets`` averaged over the views in texture space.
 
-    Without any (None where they do not say which albedo a pixel has) it gets the images' mean colour, of that ``mean``.
+    Without any (None where they do not say which albedo a pixel has) it has the images' mean colour, of that ``mean``.
     """
-    albedo, colour = parameters.tensors["albedo"], problem.photographs.mean_radiance
+    size, colour = problem.plan.texture, problem.photographs.mean_radiance
     colour = mean * colour / colour.mean().clamp_min(1e-30)
-    albedo.copy_((colour / colour.max().clamp_min(1.0)).clamp(0, 1).expand_as(albedo))
     if targets is None or not bool(targets.weight.any()):  # none, or of views that do not show the mesh
-        return
+        return (colour / colour.max().clamp_min(1.0)).clamp(0, 1).expand(size, size, 3)
     gbuffer = problem.gbuffer
     hit = (gbuffer.face >= 0) & (targets.weight > 0)
     uv = problem.renderer.surface.uv(gbuffer.face[hit].long(), gbuffer.barycentric[hit])
     covered = (hit.float().mean(1, keepdim=True)).clamp_min(1e-6)
     values = (targets.values["albedo"] / covered)[:, None].expand(-1, gbuffer.subsamples, -1)[hit]
-    average, weight = splat(uv, values, problem.plan.texture)
-    albedo.copy_(fill_unobserved(average, weight > 0).clamp(0, 1))
+    average, weight = splat(uv, values, size)
+    return fill_unobserved(average, weight > 0).clamp(0, 1)
 
 
 @torch.no_grad()

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.material.brdf import dot, sample_visible_ggx, tangent_frame, visible_ggx_pdf
+from ia_bench.methods.photographs import cosine_directions
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
 
@@ -73,11 +74,7 @@ def _drawn(
     chosen = torch.searchsorted(shares, even(numbers[0], (len(normal),))).clamp_max(len(energy) - 1)
     by_light = directions_of_lobes(lobes.axis[chosen], lobes.sharpness[chosen], generator)
     by_gloss = sample_visible_ggx(normal[:, None], view[:, None], roughness[:, None], pairs(numbers[1]))
-    turn, height = pairs(numbers[2]).unbind(-1)
-    tangent, bitangent = tangent_frame(normal[:, None])
-    radius, azimuth = height.sqrt()[..., None], 2 * math.pi * turn[..., None]
-    across = radius * (azimuth.cos() * tangent + azimuth.sin() * bitangent)
-    by_cosine = across + (1 - height).sqrt()[..., None] * normal[:, None]
+    by_cosine = cosine_directions(normal, pairs(numbers[2]).flip(-1))
     return torch.cat([by_light, by_gloss, by_cosine], 1)
 
 
