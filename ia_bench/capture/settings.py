@@ -45,7 +45,7 @@ class SdfSettings:
     """How ``capture.geometry=sdf`` makes a surface of images and masks; nothing else reads them.
 
     Attributes:
-        cells: Cells of the grid of distances, along the longest side of the object; about as many as the object has pixels.
+        cells: Cells of the grid of distances along its longest side, margins included; about as many as the object has pixels.
         steps: Steps of the refinement on the images; 0 takes what stereo finds inside of the hull.
         seed: The seed of the pixels of each step.
         align: Whether photographs may move on their picture planes while the surface is refined, and their cameras with them: so
@@ -84,7 +84,7 @@ class CaptureSettings:
         geometry: Where the mesh comes from: "given" by the scene, "smoothed" from that, the visual "hull" of the masks, or "sdf", a
             surface that is made of masks and images.
         smoothing: Standard deviation of the blur of "smoothed", as a share of the diagonal of the mesh's box.
-        cells: Cells of the grid of "hull" along the longest side of the object.
+        cells: Cells of the grid of "hull" along its longest side, margins included.
         tolerated: How many views may see a point outside of their masks before "hull" and "sdf" cut it away; 1 survives one wrong
             mask, and leaves a larger hull.
         triangles: About how many triangles the mesh of "hull" and "sdf" has at most.

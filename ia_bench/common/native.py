@@ -52,7 +52,7 @@ MATH = """
         const float sign = ((int)quarter & 2) == 2 ? -1.0f : 1.0f;
         return Vec(sign * (odd ? -sine : cosine), sign * (odd ? cosine : sine), 0.0f);
     };
-    const auto arc_cosine = [pi](float x) {  // in [0, pi], for x in [-1, 1], to 1e-7 (Abramowitz and Stegun, 4.4.46)
+    const auto arc_cosine = [pi](float x) {  // in [0, pi], for x in [-1, 1], to 4e-7 (Abramowitz and Stegun, 4.4.46)
         const float a = ::fabsf(x);
         float p = -0.0012624911f;
         p = p * a + 0.0066700901f;
@@ -65,7 +65,7 @@ MATH = """
         const float angle = ::sqrtf(1.0f - a) * p;
         return x >= 0.0f ? angle : pi - angle;
     };
-    const auto arc_tangent = [pi, most, least](float y, float x) {  // of (x, y) in [-pi, pi], to 1e-7 (4.4.49, smaller over larger)
+    const auto arc_tangent = [pi, most, least](float y, float x) {  // of (x, y) in [-pi, pi], to 4e-7 (4.4.49, smaller over larger)
         const float far = most(::fabsf(x), ::fabsf(y)), t = least(::fabsf(x), ::fabsf(y)) / most(far, 1.0e-30f), t2 = t * t;
         float p = 0.0028662257f;
         p = p * t2 - 0.0161657367f;

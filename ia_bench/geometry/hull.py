@@ -151,7 +151,7 @@ class OpenHullError(InputError):
 
 
 def visual_hull(views: Sequence[View], cells: int, tolerated: int = 0) -> DistanceGrid:
-    """The hull of the masks of ``views``, on ``cells`` cells along the longest side of its bounding box.
+    """The hull of the masks of ``views``, on a grid of ``cells`` along the longest side, of which a few on either side are margin.
 
     ``tolerated``: how many views may see a point outside of their masks before it is cut away; the rest decide.
 

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import interpolate, normalize, pad, softplus
+from torch.nn.functional import interpolate, normalize, softplus
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, ProgressBar, unseen
@@ -189,7 +189,7 @@ class _Fit:
         found, opacity, distance = gathered(values, features.detach(), rays, WIDTH, STRIDE, features.grad)
         safe = opacity.clamp_min(1e-2)
         place = rays.origins + (distance / safe).detach()[:, None] * rays.directions
-        gradients = sampled(_differences(values), torch.zeros(3), torch.tensor(values.shape) - 1, place)
+        gradients = sampled(torch.stack(torch.gradient(values)), torch.zeros(3), torch.tensor(values.shape) - 1, place)
         normals, directions = normalize(gradients, dim=-1, eps=1e-6), rays.directions
         if self._turns is not None:
             turn = self._turns[pixels.view[picked]]
@@ -214,17 +214,6 @@ def _moved(values: Tensor, moves: Sequence[Tensor], least: Tensor) -> Tensor:
         same = move.shape == least.shape
         values = values + (move if same else interpolate(move[None, None], least.shape, mode="trilinear", align_corners=True)[0, 0])
     return torch.maximum(values, least)
-
-
-def _differences(values: Tensor) -> Tensor:
-    """Central differences at the vertices, (3, X, Y, Z), twice what the gradient is per cell."""
-    padded = pad(values[None, None], (1,) * 6, mode="replicate")[0, 0]
-    inner = slice(1, -1)
-    return torch.stack([
-        padded[2:, inner, inner] - padded[:-2, inner, inner],
-        padded[inner, 2:, inner] - padded[inner, :-2, inner],
-        padded[inner, inner, 2:] - padded[inner, inner, :-2],
-    ])  # fmt: skip
 
 
 # ---------------------------------------------------------------- colour, without a model of light

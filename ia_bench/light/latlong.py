@@ -40,7 +40,7 @@ def texel_centres(height: int, width: int) -> Tensor:
 
 
 BIN_SIDE = 8  # surface normals fall into an octahedral grid of 8 x 8 cells, each with its own sampling table
-BIN_RADIUS = math.radians(29.4)  # of a cell around its centre; .04 less than its farthest normal has, where BRDF samples cover
+BIN_RADIUS = math.radians(29.4)  # of a cell around its centre; .1 less than its farthest normal has, where BRDF samples cover
 AT_ONCE = 2**24  # pairs of a cell and a texel: a table of them is 128 MB
 BLOCK_ROWS = 16  # the cosine is bounded on at most this many rows of blocks of texels, and twice as many columns
 
@@ -62,7 +62,7 @@ class SamplingGrid(NamedTuple):
 
     Attributes:
         bound: (B, K) float32, positive wherever the cosine between a normal of the cell and a direction of the block can be,
-            and no more than .03 below the largest.
+            and in maps of 4 rows or more not much below the largest.
         total: (B, 1), the integral of ``bound`` over the sphere.
         solid_angle: (T,) float64 steradians.
         order: (T,) int32, the texels sorted by their block.

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from ia_bench.common.cache import Cache, content_key
 
+COAT, COAT_SAMPLES = 32, 1024  # entries along a side of the table of the coat, and directions that one is the mean of
 F0 = 0.04  # reflectance at normal incidence of a dielectric with IOR 1.5
 MIN_ROUGHNESS = 0.03  # alpha = 9e-4: the narrowest lobe that float32 resolves without loss
 MIRROR = 1e-30  # alpha = 0 at the mirror direction itself is 0 / this, not 0 / 0
@@ -131,24 +132,24 @@ def visible_ggx_pdf(normal: Tensor, view: Tensor, incident: Tensor, roughness: T
 
 
 @functools.cache
-def coat_reflectance(size: int = 32, samples: int = 1024) -> Tensor:
-    """The directional albedo of the specular lobe, (size, size): rows are roughness, columns the cosine, both from 0 to 1.
+def coat_reflectance() -> Tensor:
+    """The directional albedo of the specular lobe, (COAT, COAT): rows are roughness, columns the cosine, both from 0 to 1.
 
     So much the lobe reflects in all, and keeps from the diffuse one below it. The table is kept in the cache, for this code.
     """
-    key = content_key("coat", f"{size} {samples}", Path(__file__).read_text(encoding="utf-8"))
-    return Cache().kept(key, lambda: {"table": _tabulated(size, samples)})["table"]
+    key = content_key("coat", Path(__file__).read_text(encoding="utf-8"))
+    return Cache().kept(key, lambda: {"table": _coat_table()})["table"]
 
 
-def _tabulated(size: int, samples: int) -> Tensor:
-    values = torch.linspace(0, 1, size)
+def _coat_table() -> Tensor:
+    values = torch.linspace(0, 1, COAT)
     roughness, cosine = (grid[..., None, None] for grid in torch.meshgrid(values, values, indexing="ij"))
     cosine = cosine.clamp_min(MIN_COSINE)
-    normal = torch.tensor([0.0, 0.0, 1.0]).expand(size, size, samples, 3)
+    normal = torch.tensor([0.0, 0.0, 1.0]).expand(COAT, COAT, COAT_SAMPLES, 3)
     view = torch.cat([torch.sqrt(1 - cosine * cosine), torch.zeros_like(cosine), cosine], -1).expand(normal.shape)
-    index = torch.arange(samples, dtype=torch.float64)
-    u = torch.stack([(index + 0.5) / samples, torch.remainder((index + 0.5) * GOLDEN, 1)], -1).float()
-    rough = roughness.clamp_min(MIN_ROUGHNESS).expand(size, size, samples, 1)
+    index = torch.arange(COAT_SAMPLES, dtype=torch.float64)
+    u = torch.stack([(index + 0.5) / COAT_SAMPLES, torch.remainder((index + 0.5) * GOLDEN, 1)], -1).float()
+    rough = roughness.clamp_min(MIN_ROUGHNESS).expand(COAT, COAT, COAT_SAMPLES, 1)
     incident = sample_visible_ggx(normal, view, rough, u)
     density = visible_ggx_pdf(normal, view, incident, rough)
     value = specular_brdf_cosine(normal, view, incident, rough) / density.clamp_min(1e-12)

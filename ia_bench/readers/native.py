@@ -29,7 +29,7 @@ from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS
 from ia_bench.readers.lenses import Lens, lens
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import expect_radiance, read_exr, read_light
-from ia_bench.scenes.photograph import expect_size, greyscale, open_picture, picture_values
+from ia_bench.scenes.photograph import expect_size, greyscale, open_picture, picture_values, unit_alpha
 from ia_bench.scenes.scene import Mesh, Scene, Truth, View
 
 DESCRIPTION = "scene.json"
@@ -114,9 +114,7 @@ class NativeReader:
             raise InputError(f"{where}: expected a pinhole camera without distortion, found a lens; reader=nerfstudio undoes one")
         image = read_exr(path, 4)
         expect_size_of(where, frame, path, image.shape)
-        radiance, mask = image[..., :3], image[..., 3]
-        if mask.min() < 0 or mask.max() > 1 + 1e-3:
-            raise InputError(f"{path}: alpha: expected values in [0, 1], found {mask.min():g} ... {mask.max():g}")
+        radiance, mask = image[..., :3], unit_alpha(path, image[..., 3])
         expect_radiance(path, radiance)
         known: dict[str, Any] = {}
         for name, (channels, _, _) in TRUTH_OF_VIEWS.items():
@@ -129,7 +127,7 @@ class NativeReader:
             name=path.stem,
             camera=camera(where, frame, image.shape),
             image=np.ascontiguousarray(radiance),
-            mask=mask.clip(0, 1),
+            mask=mask,
             light=text(where, frame, "light", "train"),
             **known,
         )

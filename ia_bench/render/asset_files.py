@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 import torch
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.mesh import smooth_normals, sound_mesh, unwrap, with_area
@@ -97,7 +98,7 @@ def read_asset(
     assert surface.roughness is not None
     asset = moved(Assets(mesh, surface.albedo, surface.roughness, surface.metallic, assumed=assumed), TO_Z_UP[up])
     if light is not None:
-        asset = replace(asset, light=turned(read_light(light), _about_z(light_turn)))
+        asset = replace(asset, light=turned(read_light(light), Rotation.from_euler("z", light_turn, degrees=True).as_matrix()))
     return asset if matrix is None else moved(asset, np.asarray(matrix, np.float64))
 
 
@@ -276,11 +277,6 @@ def _overlap(mesh: Mesh) -> float:
     first, second, third = mesh.uv[mesh.faces].astype(np.float64).swapaxes(0, 1)
     area = 0.5 * float(np.abs(np.linalg.det(np.stack([second - first, third - first], 1))).sum())
     return 1 - len(Atlas.of(mesh, BAKED, torch.device("cpu")).face) / BAKED**2 / max(area, 1e-9)
-
-
-def _about_z(degrees: float) -> np.ndarray:
-    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
 
 
 # ---- writing -------------------------------------------------------------------------------------------------------

@@ -111,15 +111,6 @@ def coat_taps(rough: float, cosine: float, side: int) -> Taps:
     return bilinear_taps(wp.vec2((cosine * last + 0.5) / float(side), 1.0 - (rough * last + 0.5) / float(side)), side, side)
 
 
-@wp.func
-def first_row(firsts: wp.array(dtype=int), n: int) -> int:
-    """The row at which the atlas of point ``n`` begins; 0 where there is one for all."""
-    row = int(0)
-    if firsts.shape[0] > 0:
-        row = firsts[n]
-    return row
-
-
 @wp.kernel
 def shade_adjoint(
     first: int, radiance: wp.array(dtype=wp.vec3), albedo: wp.array(dtype=wp.vec3), roughness: wp.array(dtype=float),
@@ -185,7 +176,9 @@ def shade_adjoint(
     of_at_normal = wp.cw_mul(of_at_normal, of_grazing)
     if atlas_side > 0:
         taps = bilinear_taps(uv, atlas_side, atlas_side)
-        start = first_row(firsts, n)
+        start = int(0)
+        if firsts.shape[0] > 0:
+            start = firsts[n]
         for t in range(4):
             share = taps.weight[t] * fronts[n]
             irradiance += arriving[start + atlas[taps.index[t]]] * share

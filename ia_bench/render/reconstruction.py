@@ -29,7 +29,7 @@ class Assets:
 
     Attributes:
         mesh: The triangles, with the texture coordinates that the textures belong to.
-        albedo: (T, T, 3) in [0, 1].
+        albedo: (T, T, 3) in [0, 1], and what another program has beyond.
         roughness: (T', T') in [0, 1], perceptual.
         metallic: (T'', T''), None for a dielectric.
         light: (H, W, 3) lat-long radiance, None where no light was recovered.

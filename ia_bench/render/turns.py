@@ -14,7 +14,7 @@ from ia_bench.scenes.turning import TurningLight
 
 TURNS = 16
 """The most turns of the light for which a step of a fit solves its reflections; other views take the nearest of these.
-On one circle these are as far apart as the cells of the sky that such reflections know."""
+On one circle the nearest of these is about a cell of the sky away, which is what such reflections know of it."""
 
 
 def turns_of(gbuffer: GBuffer, turning: TurningLight) -> Tensor:

@@ -40,7 +40,7 @@ class Images:
         spread: Half the difference of two independent estimates, of which each image is the mean; None of what has no noise.
 
     Raises:
-        ValueError: Counts or shapes disagree, or a coverage leaves [0, 1].
+        ValueError: Counts or shapes of images and coverage disagree, or a coverage leaves [0, 1].
     """
 
     images: tuple[np.ndarray, ...]

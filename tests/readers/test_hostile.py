@@ -165,7 +165,7 @@ def cases() -> Iterator[Case]:
     yield "light: negative", lossy(LIGHT, (0, 0, 0), -300), f"{LIGHT}: expected radiance, found the negative value -300"
     yield "image: negative", lossy(IMAGE, (9, 9, 0), -0.25), f"{IMAGE}: expected radiance, found the negative value -0.25"
     yield "image: without alpha", exr(IMAGE, 4, lambda image: image[..., :3]), f"{IMAGE}: expected channels R, G, B, A"
-    yield "image: alpha of 255", exr(IMAGE, 4, lambda image: 255 * image), rf"{IMAGE}: alpha: expected values in \[0, 1\].*255"
+    yield "image: alpha of 255", exr(IMAGE, 4, lambda image: 255 * image), f"{IMAGE}: expected alpha from 0 to 1, found "
     yield "image: another size", exr(IMAGE, 4, lambda image: image[:, :31]), f"{IMAGE}: expected w = 32, as .* found 31"
     depth = "truth/test/depth/0000.exr"
     yield "truth: another size", exr(depth, 1, lambda image: image[:16, :16]), f"{depth}: expected 32 x 32.*found 16 x 16"
