@@ -33,7 +33,7 @@ PHASES = {
     "ia_bench.render.stage:trace_gbuffer": "G-buffers",
     "ia_bench.render.stage:bake_interreflection": "indirect light",
     "ia_bench.methods.two_stage.losses:neighbouring_pixels": "neighbours",
-    "ia_bench.methods.two_stage.fit:start_albedo": "start",
+    "ia_bench.methods.two_stage.fit:initial_albedo": "start",
     "ia_bench.methods.two_stage.fit:start_light": "start",
     "ia_bench.methods.two_stage.fit:TwoStageFit._step": FIRST_STEP,
 }

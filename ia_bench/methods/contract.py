@@ -128,7 +128,7 @@ class Problem:
     def asked_views(self) -> tuple[int, ...]:
         """The training views that the prior is asked about; the plan says how many, and why, once somebody wants to know."""
         with self.costs.exclude("bake"):
-            decision = choose_prior_views(self.scene, self.stage, self.prior_views, self.coupling.views_a_point)
+            decision = choose_prior_views(self.scene, self.stage, self.prior_views)
             self.plan.decisions.append(decision)
             self.note(decision.line)
             return evenly_spread(self.scene, decision.value)
@@ -183,8 +183,6 @@ class Coupling:
     Attributes:
         says_albedo: Whether what it makes of an albedo says which albedo a pixel has (up to its scale), and not only which pixels
             are alike: then photographs alone do not decide the albedo when all steps are done.
-        views_a_point: Of the views that a prior is asked about, so many show a point, with prior.views=auto. Their noise is
-            averaged, which a loss needs that says which albedo a pixel has.
         sets_albedo: Whether a fit may start from the prior's albedo.
         period: 0: the prior is sampled before the fit, and again, guided by the renders, before its second stage. More: it is
             asked every ``period`` steps to denoise renders of ``views`` of its views (``Distiller``).
@@ -192,7 +190,6 @@ class Coupling:
     """
 
     says_albedo: ClassVar[bool] = False
-    views_a_point: ClassVar[int] = 4
     sets_albedo: bool = False
     period: int = 0
     views: int = 0

@@ -29,6 +29,7 @@ PROBE_VIEWS = 8
 PROBE_RAYS = 20_000
 PROBE_POINTS = 2_000
 PROBE_PIXELS = 4096  # of a step, or more than it has
+VIEWS_A_POINT = 4  # views that show a point to the prior
 SEEN_SHARE = 0.95
 TEXTURE_SIZES = (64, 128, 256, 512, 1024, 2048)
 LIGHT_HEIGHTS = (16, 32)  # finer lights are seen in mirrors, but the default number of steps does not learn them
@@ -105,7 +106,7 @@ def make_plan(scene: Scene, stage: Stage, settings: RenderSettings) -> Plan:
 
 
 @torch.no_grad()
-def choose_prior_views(scene: Scene, stage: Stage, setting: int | str, each: int) -> Decision:
+def choose_prior_views(scene: Scene, stage: Stage, setting: int | str) -> Decision:
     """How many training views a prior is asked about: the ``setting``, or with "auto" as many as show the surface often enough."""
     what = "prior.views"
     if setting != "auto":
@@ -114,11 +115,11 @@ def choose_prior_views(scene: Scene, stage: Stage, setting: int | str, each: int
     cameras = [scene.train[view].camera for view in spreading_order(scene, total)]
     points = probe.points(PROBE_POINTS, probe.generator())
     seen = sees(cameras, points.position, points.geometric, stage.rays, stage.surface.offset)
-    count = views_needed(seen, each, SEEN_SHARE)
+    count = views_needed(seen, VIEWS_A_POINT, SEEN_SHARE)
     by_all, by_chosen = (float(some.sum(1).double().mean()) for some in (seen, seen[:, :count]))
     measured = {"views": float(total), "seen_by_all_views": by_all, "seen_by_chosen_views": by_chosen}
     why = (
-        f"{count} of {total} views show {100 * SEEN_SHARE:.0f} % of the surface {each} times or as often as all do "
+        f"{count} of {total} views show {100 * SEEN_SHARE:.0f} % of the surface {VIEWS_A_POINT} times or as often as all do "
         f"(a point {by_chosen:.1f} times in the mean, {by_all:.1f} with all)"
     )
     return Decision(count, why, measured, f"the prior's look at {total - count} views" if count < total else None, what)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -43,7 +42,6 @@ class Kernel(WeightedCoupling):
         free_scale: Whether the scale of a view's prediction means nothing, and must not change distances either.
     """
 
-    views_a_point: ClassVar[int] = 2  # which pixels are alike, few views tell as well as more (docs/log/parsimony.md)
     albedo: Weight = 0.01
     specular: Weight = 0.0
     scale: Positive = 0.1

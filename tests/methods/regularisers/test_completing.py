@@ -11,7 +11,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material, fill_unobserved, smooth_by_view_count
 from ia_bench.methods.contract import FitState, Problem
 from ia_bench.methods.regularisers import completing
-from ia_bench.methods.regularisers.choice import check_regularisers, regularisers_of
+from ia_bench.methods.regularisers.choice import options_for, regularisers_of
 from ia_bench.methods.regularisers.completing import LENGTH, NOISE, Context, Symmetry, effective_view_count, expected
 from ia_bench.render.gbuffer import sees
 from ia_bench.render.indirect import Atlas
@@ -105,12 +105,12 @@ def test_expectation_is_that_of_the_formula() -> None:
 
 def test_context_comes_before_symmetry_and_options_of_a_class_go_by_its_name() -> None:
     with pytest.raises(InputError, match="^fit.regularise: expected context before symmetry, .* found symmetry, parsimony"):
-        check_regularisers(["symmetry", "parsimony", "context"], {})
-    check_regularisers(["context", "parsimony", "symmetry"], {})
+        options_for(["symmetry", "parsimony", "context"], {})
+    options_for(["context", "parsimony", "symmetry"], {})
     named = f"{Symmetry.__module__}:Symmetry"
-    check_regularisers([named], {"Symmetry": {"amount": 0.25}})
+    options_for([named], {"Symmetry": {"amount": 0.25}})
     with pytest.raises(InputError, match="fit.regulariser_options.Symmetry.amount"):
-        check_regularisers([named], {"Symmetry": {"amount": 2.0}})
+        options_for([named], {"Symmetry": {"amount": 2.0}})
     (made,) = regularisers_of([named], {"Symmetry": {"amount": 0.25}})
     assert made.amount == 0.25
 
