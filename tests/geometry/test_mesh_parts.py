@@ -15,7 +15,7 @@ from trimesh.visual.material import PBRMaterial
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.mesh import load_mesh
-from ia_bench.scenes.scene import Mesh
+from ia_bench.scenes.scene import Mesh, Scene
 
 HARD = np.array([[0.6, 0.0, 0.8]] * 3)
 """Normals of a triangle in the plane z = 0 that no program would compute from it."""
@@ -229,3 +229,14 @@ def test_cards_with_two_sides_are_not_inside_out(tmp_path: Path) -> None:
         card.apply_transform(turn)
         card.export(tmp_path / "mesh.ply")
         assert not any("inside out" in note for note in load_mesh(tmp_path / "mesh.ply", uv="xatlas")[1])
+
+
+def test_types_that_glTF_has_not_are_told(tmp_path: Path, tiny: Scene) -> None:
+    mesh = trimesh.Trimesh(tiny.mesh.vertices, tiny.mesh.faces, process=False)
+    content = json.loads(trimesh.Scene(mesh).export(file_type="gltf")["model.gltf"])
+    (tmp_path / "mesh.gltf").write_text(json.dumps({**content, "extensionsRequired": None}))
+    for name, data in trimesh.Scene(mesh).export(file_type="gltf").items():
+        if name != "model.gltf":
+            (tmp_path / name).write_bytes(data)
+    with pytest.raises(InputError, match=r"mesh\.gltf: expected glTF 2\.0, found what is none \(TypeError"):
+        load_mesh(tmp_path / "mesh.gltf", uv="xatlas")

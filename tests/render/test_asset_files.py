@@ -203,15 +203,6 @@ def test_parts_without_normals_cost_the_others_none(tmp_path: Path) -> None:
     assert any("no normals stored of" in note for note in notes)
 
 
-def test_a_part_without_a_surface_is_left_out_and_told(tmp_path: Path) -> None:
-    (tmp_path / "a.mtl").write_text("newmtl a\nKd 1 1 1\nnewmtl b\nKd 1 1 1\n")
-    whole = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 9 9 9\nusemtl a\nf 1 2 3\n"
-    (tmp_path / "a.obj").write_text(f"{whole}usemtl b\nf 4 4 4\n")
-    asset, notes = read(tmp_path / "a.obj", up="z")
-    assert len(asset.mesh.faces) == 1
-    assert "a.obj: 1 of 2 parts have no surface and are left out" in notes
-
-
 def test_several_materials_share_one_texture_and_keep_their_values(tmp_path: Path) -> None:
     wide, tall = picture(0, 4, 16), picture(1, 8, 2)
     mtl = "newmtl one\nmap_Kd wide.png\nPr .25\nnewmtl two\nmap_Kd tall.png\nmap_Pr tall.png\nnewmtl three\nKd .1 .2 .3\nPr 1\n"

@@ -142,3 +142,12 @@ def test_other_files_are_refused_by_name(tmp_path: Path) -> None:
     write_exr(tmp_path / "dark.exr", np.full((2, 4, 3), -1.0), half=False)
     with pytest.raises(InputError, match="expected radiance, found the negative value -1"):
         read(tmp_path / "d.glb", light=tmp_path / "dark.exr")
+
+
+def test_a_part_without_a_surface_is_left_out_and_told(tmp_path: Path) -> None:
+    (tmp_path / "a.mtl").write_text("newmtl a\nKd 1 1 1\nnewmtl b\nKd 1 1 1\n")
+    whole = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 9 9 9\nusemtl a\nf 1 2 3\n"
+    (tmp_path / "a.obj").write_text(f"{whole}usemtl b\nf 4 4 4\n")
+    asset, notes = read(tmp_path / "a.obj", up="z")
+    assert len(asset.mesh.faces) == 1
+    assert "a.obj: 1 of 2 parts have no surface and are left out" in notes
