@@ -60,7 +60,7 @@ class OraclePrior:
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`. An image's draw is seeded by its place among the others.
 
-        So here it does depend on which images are beside it; no other run asks about them in another order.
+        So with noise a sample does depend on how many images stand before its own, unlike those of other priors.
         """
         truths, guidance = observations.truth or {}, guidance or {}
         values = {}

@@ -326,18 +326,21 @@ def said_of(layout: Layout, folder: Path, given: Options) -> str:
     return "\n".join(notes)
 
 
+def expect_told(spoil: Spoil, says: str, layout: Layout, written: dict[str, tuple[Path, Options]], place: Path) -> None:
+    """Of a copy of a folder that was spoiled this is said, and an error in one line."""
+    given, folder = written[layout.id][1], Path(shutil.copytree(written[layout.id][0], place / "tiny"))
+    spoil(folder)
+    said = said_of(layout, folder, given | ({"lights": str(folder / "lights")} if "lights" in given else {}))
+    assert re.search(says, said), said
+    assert "\n" not in said or not said.startswith("error")
+
+
 CASES = [(one, mistake) for one in LAYOUTS for mistake in MISTAKES.get(one.id, {})]
 
 
 @pytest.mark.parametrize(("layout", "mistake"), CASES, ids=[f"{one.id}-{mistake}" for one, mistake in CASES])
 def test_a_typical_mistake_is_told(layout: Layout, mistake: str, written: dict[str, tuple[Path, Options]], tmp_path: Path) -> None:
-    spoil, says = MISTAKES[layout.id][mistake]
-    (whole, given), folder = written[layout.id], tmp_path / "tiny"
-    shutil.copytree(whole, folder)
-    spoil(folder)
-    said = said_of(layout, folder, {**given, **({"lights": str(folder / "lights")} if "lights" in given else {})})
-    assert re.search(says, said), said
-    assert "\n" not in said or not said.startswith("error")
+    expect_told(*MISTAKES[layout.id][mistake], layout, written, tmp_path)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.id)

@@ -1,13 +1,12 @@
 """Rarer mistakes in others' data than those of test_mistakes.py: photographs that come twice, and texts and types that are odd."""
 
-import re
 import shutil
 from pathlib import Path
 
 import pytest
 from layouts import LAYOUTS, Layout
 from spoils import edited, gone, wrote
-from test_mistakes import OWN, SFM, SPARSE, TRAIN, WHOLE, Mistakes, said_of
+from test_mistakes import OWN, SFM, SPARSE, TRAIN, WHOLE, Mistakes, expect_told
 
 from ia_bench.readers.writers.parts import Options
 
@@ -48,10 +47,4 @@ CASES = [(one, mistake) for one in LAYOUTS for mistake in MISTAKES.get(one.id, {
 
 @pytest.mark.parametrize(("layout", "mistake"), CASES, ids=[f"{one.id}-{mistake}" for one, mistake in CASES])
 def test_a_rare_mistake_is_told(layout: Layout, mistake: str, written: dict[str, tuple[Path, Options]], tmp_path: Path) -> None:
-    spoil, says = MISTAKES[layout.id][mistake]
-    (whole, given), folder = written[layout.id], tmp_path / "tiny"
-    shutil.copytree(whole, folder)
-    spoil(folder)
-    said = said_of(layout, folder, given)
-    assert re.search(says, said), said
-    assert "\n" not in said
+    expect_told(*MISTAKES[layout.id][mistake], layout, written, tmp_path)
