@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import trimesh
 
 READ = "7"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
-MADE_BY = ("trimesh", "xatlas")  # whose versions are others
+MADE_BY = ("trimesh", "xatlas")  # another version of these may make another mesh
 FLAT = 1e-6  # share of the cube around it that a closed part encloses at least: less is a sheet with two sides, and rounding
 FAR = 1e4  # sizes of an object from the origin: single precision, in which rays are traced, shifts its points by .0006 of it there
 BORDER = 1 / 256  # of the whole square, around what each material has: look-ups between texels reach beyond it
