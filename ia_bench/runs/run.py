@@ -64,6 +64,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
     scorer = Scorer(scene, config.protocol, problem.device)
     record = RunMonitor(folder, scorer, costs)
     result = reconstruct(config.method.name, method, problem, seed=config.seed, monitor=record.monitor(progress))
+    tell_unused_coupling(config, problem, progress.note)
 
     # ---- score and save --------------------------------------------------------------------------------------
     counts, cpu_seconds, busy = costs.counts(), costs.cpu_seconds(), load()
@@ -128,8 +129,6 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
         note(f"every photograph has an exposure of its own; method={config.method.name} takes them for the same")
     if scene.turning is not None and not (info.turns_light or info.sees_truth):
         note(f"the light turns with the camera; method={config.method.name} takes it for one that stands still")
-    if config.coupling.name not in (AUTO, "none") and not info.uses_prior:
-        note(f"coupling={config.coupling.name}: method={config.method.name} has no use for any; it changes nothing")
     with costs.exclude("bake"):
         prior: Prior = NoPrior()
         if info.uses_prior:
@@ -151,6 +150,12 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
         note=note,
         costs=costs,
     )
+
+
+def tell_unused_coupling(config: RunConfig, problem: Problem, note: Callable[[str], None]) -> None:
+    """Say that a coupling was named which the method, by now done with its fit, has not asked for."""
+    if config.coupling.name not in (AUTO, "none") and "coupling" not in vars(problem):
+        note(f"coupling={config.coupling.name}: method={config.method.name} has not asked for it; it changed nothing")
 
 
 def without_training_images(scene: Scene, given: Scene) -> Scene:

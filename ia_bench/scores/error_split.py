@@ -108,16 +108,18 @@ def _encoded(linear: np.ndarray, protocol: Protocol) -> np.ndarray:
 def _factor(predicted: np.ndarray, encoded: np.ndarray, protocol: Protocol) -> np.ndarray:
     """The factor (3,) of (N, 3) linear values that brings their encoded means to those of ``encoded``; 1 where there is none.
 
-    Means, for the factor of least squares would be too small beside noise, and so take away some of that.
+    Means, for the factor of least squares would be too small beside noise, and so take away some of that. There is none for a
+    black channel, and where so many values are black that all others at white were still too dark.
     """
     factor = np.ones(3)
     if len(predicted):
         wanted = encoded.mean(0)
+        possible = (wanted > DARKEST) & (wanted <= (predicted > 0).mean(0))
         for _ in range(STEPS):
             mean = _encoded(predicted * factor, protocol).mean(0)
             curved = (protocol.albedo_encoding == "srgb") & (np.maximum(mean, wanted) > DARK)
             step = (wanted / np.maximum(mean, DARKEST)) ** np.where(curved, GAMMA, 1.0)  # too large a power would never arrive
-            factor = np.where((mean > DARKEST) & (wanted > DARKEST), factor * step, 1.0)
+            factor = np.where((mean > DARKEST) & possible, factor * step, 1.0)
     return factor
 
 

@@ -14,7 +14,7 @@ from ia_bench.priors import inputs
 from ia_bench.priors.diffusion import learned
 from ia_bench.readers.contract import NO_MESH
 from ia_bench.runs.composition import compose
-from ia_bench.runs.run import problem_of, without_training_images
+from ia_bench.runs.run import problem_of, tell_unused_coupling, without_training_images
 from ia_bench.runs.scene import tell
 from ia_bench.scenes.scene import Scene
 from ia_bench.scenes.turning import TurningLight
@@ -61,10 +61,16 @@ def test_a_light_that_turns_is_told_of_a_method_that_does_not_turn_it_and_reache
         assert (problem.scene.turning, notes) == (turning.turning, expected)
 
 
-def test_a_coupling_is_told_of_a_method_that_asks_no_prior(tiny: Scene) -> None:
-    for coupling, told in (("targets", True), ("none", False)):
-        notes = handed(tiny, MethodInfo(uses_prior=False), "device=cpu", f"coupling={coupling}")[1]
-        assert notes == ["coupling=targets: method=two_stage has no use for any; it changes nothing"] * told
+@pytest.mark.parametrize("uses_prior", [False, True])
+def test_a_coupling_that_a_method_has_not_asked_for_is_told(tiny: Scene, uses_prior: bool) -> None:
+    for coupling, asked, told in (("targets", False, True), ("none", False, False), ("targets", True, False)):
+        overrides = "device=cpu", "prior=regressor", f"coupling={coupling}"
+        problem, notes = handed(tiny, MethodInfo(uses_prior=uses_prior), *overrides)
+        if asked:
+            problem.coupling  # noqa: B018 (as a method does)
+            notes.clear()  # of what a coupling is to a prior that says nothing
+        tell_unused_coupling(compose(["scene=tiny", *overrides]), problem, notes.append)
+        assert notes == ["coupling=targets: method=two_stage has not asked for it; it changed nothing"] * told
 
 
 @pytest.mark.parametrize(("overrides", "expected"), [

@@ -122,6 +122,15 @@ def test_black_has_no_factor_and_a_view_without_a_pixel_no_parts() -> None:
         as_it_is(empty, Protocol())
 
 
+def test_a_picture_so_black_that_no_factor_makes_its_mean_right_has_none() -> None:
+    holed = np.where(((X * SIDE).astype(int) % 3 == 0)[..., None], TRUE, 0.0)  # white in a third of the pixels were too dark
+    (found,) = split([pair_of(holed)], flat(), Protocol())
+    assert found.parts["level"] == 0
+    spotted = np.where(((X * SIDE).astype(int) % 10 == 0)[..., None], 0.0, TRUE)  # a tenth of the pixels are black
+    (found,) = split([pair_of(spotted)], flat(), Protocol())
+    assert found.parts["level"] != 0
+
+
 def test_photographs_from_above_do_not_show_the_underside_nor_what_is_covered() -> None:
     mesh = together(plate(1.0), plate(0.5, height=0.5))
     above, slant = camera_at((0.01, 0.0, 4.0), pixels=40), camera_at((2.5, 0.0, 1.2), pixels=40)
