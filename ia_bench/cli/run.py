@@ -5,9 +5,13 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, command, say
+
+if TYPE_CHECKING:
+    from ia_bench.runs.config import RunConfig
 
 SHOW = ["--cfg", "job"]
 """What shows every setting and runs nothing, as with any program of Hydra."""
@@ -52,6 +56,11 @@ def _work(arguments: list[str]) -> int:
         del settings["command"]
         say(OmegaConf.to_yaml(OmegaConf.create(settings)).rstrip(), sys.stdout)
         return OK
+    return run(config)
+
+
+def run(config: RunConfig) -> int:
+    """Do the run of a configuration, say what came of it, and return the exit status."""
     from ia_bench.runs.execute import execute
 
     record, folder = execute(config)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ia_bench.cli import run
+from ia_bench.cli.run import run
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.files import is_file, shown
-from ia_bench.runs.composition import scene_setting, written
+from ia_bench.runs.composition import compose, scene_setting, written
 
 USAGE = "ia-bench score WHAT --scene NAME|FOLDER [--OPTION VALUE ...] [SETTING=VALUE ...]"
 ABOUT = """\
@@ -83,4 +84,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, key in {**keys, "row": "row", "out": "out"}.items():
         if (value := getattr(wanted, name)) is not None:
             found[key] = written(value) if name in (*TEXTS, "row", "out") else value
-    return run.main([scene_setting(wanted.scene, settings), *(f"{key}={value}" for key, value in found.items()), *settings])
+    try:
+        return run(compose([scene_setting(wanted.scene, settings), *(f"{key}={value}" for key, value in found.items()), *settings]))
+    except InputError as error:  # of what was asked for, in the words in which it was
+        raise InputError(re.sub(r"method\.options\.(declared\.)?(\w+)", _as_typed, str(error))) from error
+
+
+def _as_typed(key: re.Match[str]) -> str:
+    """An option of the method as it is called on this command line; one that has no name here as it is."""
+    name = key.group(2)
+    return f"--{name.replace('_', '-')}" if name in (*OPTIONS, *DECLARED) else "WHAT" if name == "path" else key.group()
