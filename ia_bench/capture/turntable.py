@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,10 +47,9 @@ def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callab
     places = len(np.unique(poses[:, :3, 3], axis=0))
     if places < ENOUGH:  # poses of the room, in which the object turned, among them: those are all in one place
         raise InputError(f"{EXPECTED}, found {len(views)} cameras in {places} place(s); {OR_ELSE}")
-    rounds = fitted_rounds(poses)
-    residual = float(np.sqrt(np.average([one.residual**2 for one in rounds], weights=[len(one.views) for one in rounds])))
+    rounds, residual = fitted_rounds(poses)
     told = f"{100 * residual:.1f} % of their mean radius off (root mean square)"
-    downward = int((_up(poses, rounds[0].axis) @ rounds[0].axis <= 0).sum()) if len(rounds) == 1 else 0
+    downward = int((_up(poses, np.array(rounds[0].axis)) @ rounds[0].axis <= 0).sum()) if len(rounds) == 1 else 0
     if downward:
         told += f", {downward} of them upside down"
     if residual > OFF or downward:
@@ -60,13 +58,13 @@ def turning_light(views: Sequence[View], settings: CaptureSettings, note: Callab
         f"{len(one.circles)} circle(s) around [{', '.join(f'{part:.3f}' for part in one.axis)}]" for one in rounds
     )
     note(f"capture.light=turntable: {around}, cameras {told}")
+    fitted = TurningLight(start, rounds, residual)
     if len(rounds) > 1:
-        counts = " and ".join(str(len(one.views)) for one in rounds)
+        counts = " and ".join(map(str, np.bincount(fitted.rounds_of(poses))))
         note(
             f"capture.light=turntable: the object was laid down anew between {counts} photographs; camera and lamps are taken "
             "to have stayed"
         )
-    fitted = TurningLight(start, tuple(Round(_vector(one.axis), _vector(one.point), one.circles) for one in rounds), residual)
     _expect_beside(fitted, views, poses)
     return fitted
 
@@ -101,47 +99,29 @@ def _vector(values: np.ndarray) -> Vector:
     return x, y, z
 
 
-@dataclass(frozen=True)
-class Circles:
-    """Circles around one axis that cameras are on.
-
-    Attributes:
-        axis: (3,), unit, upward in the photographs.
-        point: (3,), on the axis.
-        circles: Height above the point and radius of each.
-        residual: How far the cameras are off, root mean square over their mean radius.
-        views: (V,), the numbers of the cameras.
-    """
-
-    axis: np.ndarray
-    point: np.ndarray
-    circles: tuple[tuple[float, float], ...]
-    residual: float
-    views: np.ndarray
-
-
-def fitted_rounds(poses: np.ndarray) -> list[Circles]:
+def fitted_rounds(poses: np.ndarray) -> tuple[tuple[Round, ...], float]:
     """Circles around one axis, or around few where the object was laid down anew; cameras (V, 4, 4) are all on some of them.
 
-    Where one axis does not do, the axis is taken that most cameras stand upright around, those off its circles are dropped, and
+    Also how far the cameras are off, root mean square over the mean radius of their round. Where one axis does not do, the axis is taken that most cameras stand upright around, those off its circles are dropped, and
     what is left goes on to the next axis. One axis for all comes back, however far off they are, where others do no better.
     """
-    whole = fitted_circles(poses)
-    upright = (_up(poses, whole.axis) @ whole.axis > 0).all()  # or else an object was turned over, which reverses the axis
-    if whole.residual <= OFF and upright:
-        return [whole]
-    rest, found = np.arange(len(poses)), []
+    whole, residual = fitted_circles(poses)
+    one = (whole,), residual
+    upright = (_up(poses, np.array(whole.axis)) @ whole.axis > 0).all()  # or an object was turned over, which reverses the axis
+    if residual <= OFF and upright:
+        return one
+    rest, found, squares = np.arange(len(poses)), list[Round](), 0.0
     while len(rest) >= ENOUGH:
         members = rest[_upright(poses[rest])]
         for _ in range(REFITS):
             if len(members) < ENOUGH:
-                return [whole]
-            circles = fitted_circles(poses[members])
-            fit = Round(_vector(circles.axis), _vector(circles.point), circles.circles)
-            circles, members = replace(circles, views=members), rest[fit.distance(poses[rest]) < MEMBER**2]
+                return one
+            circles, residual = fitted_circles(poses[members])
+            fitted, members = members, rest[circles.distance(poses[rest]) < MEMBER**2]
         found.append(circles)
-        rest = np.setdiff1d(rest, circles.views)
-    return [whole] if len(rest) else found
+        squares += len(fitted) * residual**2
+        rest = np.setdiff1d(rest, fitted)
+    return one if len(rest) else (tuple(found), float(np.sqrt(squares / len(poses))))
 
 
 def _upright(poses: np.ndarray) -> np.ndarray:
@@ -159,10 +139,10 @@ def _upright(poses: np.ndarray) -> np.ndarray:
     return best
 
 
-def fitted_circles(poses: np.ndarray) -> Circles:
+def fitted_circles(poses: np.ndarray) -> tuple[Round, float]:
     """The circles around one axis that the centres of cameras (V, 4, 4) are nearest to, by least squares.
 
-    Two axes are tried: that at a right angle to what cameras have to their right, as it is where none is rolled, on however many
+    Also how far they are off, root mean square over their mean radius. Two axes are tried: that at a right angle to what cameras have to their right, as it is where none is rolled, on however many
     circles; and the normal of the plane of all centres, as it is for one circle. Each is then refined.
     """
     from scipy.optimize import least_squares
@@ -185,8 +165,8 @@ def fitted_circles(poses: np.ndarray) -> Circles:
         height = float(where_they_meet(centres, poses[:, :3, 2]) @ axis)  # of the object, wherever the origin is
         sizes = tuple((high - height, wide) for high, wide in sizes)
         residual = float(np.sqrt(np.square(offs).sum() / len(offs)))
-        found.append(Circles(axis, point + height * axis, sizes, residual, np.arange(len(poses))))
-    return min(found, key=lambda circles: circles.residual)
+        found.append((Round(_vector(axis), _vector(point + height * axis), sizes), residual))
+    return min(found, key=lambda circles: circles[1])
 
 
 def _labels(height: np.ndarray, centres: np.ndarray) -> np.ndarray:
