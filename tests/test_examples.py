@@ -24,18 +24,24 @@ pytestmark = pytest.mark.skipif(importlib.util.find_spec("hatchling") is None, r
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder for PYTHONPATH with examples and baselines."""
-    folder = tmp_path_factory.mktemp("installed")
+    """The Python of an environment with examples and baselines, installed as the pages say; the rest is borrowed from this one."""
+    venv = tmp_path_factory.mktemp("installed") / "venv"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", venv], check=True)
+    (site,) = (venv / "lib").glob("python*/site-packages")
+    (site / "borrowed.pth").write_text("\n".join(path for path in sys.path if path.endswith("site-packages")))
+    install(venv / "bin" / "python", EXAMPLE, METHOD, ROOT / "baselines")
+    return venv / "bin" / "python"
+
+
+def install(python: Path, *sources: Path) -> None:
     options = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet", "--disable-pip-version-check"]
-    sources = [EXAMPLE, METHOD, ROOT / "baselines"]
-    subprocess.run([sys.executable, "-m", "pip", "install", *options, "--target", folder, *sources], check=True)
-    return folder
+    editable = [part for source in sources for part in ("-e", source)]
+    subprocess.run([sys.executable, "-m", "pip", "--python", python, "install", *options, *editable], check=True)
 
 
 def call(installed: Path, module: str, *arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    paths = os.pathsep.join([str(installed), str(ROOT)])
-    variables = {**os.environ, "PYTHONPATH": paths, "IA_BENCH_DATASETS": str(ROOT / "datasets"), "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", module, *arguments]
+    variables = {**os.environ, "PYTHONPATH": str(ROOT), "IA_BENCH_DATASETS": str(ROOT / "datasets"), "OMP_NUM_THREADS": "1"}
+    command = [installed, "-m", module, *arguments]
     return subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, timeout=1200)
 
 
@@ -55,12 +61,9 @@ def test_a_baseline_is_copied_and_renamed_as_the_page_says(installed: Path, tmp_
     (tmp_path / "baselines").symlink_to(ROOT / "baselines")
     subprocess.run(["sh", "-ec", commands], cwd=tmp_path, check=True)
     (tmp_path / "my_method" / "pyproject.toml").write_text(project)
-    options = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet", "--disable-pip-version-check"]
-    own = ["--target", tmp_path / "own", tmp_path / "my_method"]
-    subprocess.run([sys.executable, "-m", "pip", "install", *options, *own], check=True)
-    paths = Path(os.pathsep.join([str(tmp_path / "own"), str(installed)]))
+    install(installed, tmp_path / "my_method")
     smoke = ["method.options.steps=4", "preset=smoke", "scene=tiny", "device=cpu", "threads=1", "out=result"]
-    done = call(paths, "ia_bench", "method=my_method", *smoke, folder=tmp_path)
+    done = call(installed, "ia_bench", "method=my_method", *smoke, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     metrics = json.loads((tmp_path / "result" / "metrics.json").read_text())
     assert (metrics["row"], metrics["status"]) == ("my_method", "ok")

@@ -102,7 +102,9 @@ def _vector(values: np.ndarray) -> Vector:
 def fitted_rounds(poses: np.ndarray) -> tuple[tuple[Round, ...], float]:
     """Circles around one axis, or around few where the object was laid down anew; cameras (V, 4, 4) are all on some of them.
 
-    Also how far the cameras are off, root mean square over the mean radius of their round. Where one axis does not do, the axis is taken that most cameras stand upright around, those off its circles are dropped, and
+    Also how far the cameras are off, root mean square over the mean radius of their round.
+
+    Where one axis does not do, the axis is taken that most cameras stand upright around, those off its circles are dropped, and
     what is left goes on to the next axis. One axis for all comes back, however far off they are, where others do no better.
     """
     whole, residual = fitted_circles(poses)
@@ -142,7 +144,9 @@ def _upright(poses: np.ndarray) -> np.ndarray:
 def fitted_circles(poses: np.ndarray) -> tuple[Round, float]:
     """The circles around one axis that the centres of cameras (V, 4, 4) are nearest to, by least squares.
 
-    Also how far they are off, root mean square over their mean radius. Two axes are tried: that at a right angle to what cameras have to their right, as it is where none is rolled, on however many
+    Also how far they are off, root mean square over their mean radius.
+
+    Two axes are tried: that at a right angle to what cameras have to their right, as it is where none is rolled, on however many
     circles; and the normal of the plane of all centres, as it is for one circle. Each is then refined.
     """
     from scipy.optimize import least_squares

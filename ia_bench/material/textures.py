@@ -64,7 +64,7 @@ def splat(uv: Tensor, values: Tensor, size: int) -> tuple[Tensor, Tensor]:
     weighed = torch.cat([values, torch.ones_like(uv[:, :1])], 1)
     launch(look_up_adjoint, len(uv), uv.contiguous(), weighed, sums=[summed], device=uv.device)
     total = summed[..., -1]
-    return summed[..., :-1] / total.clamp_min(1e-12)[..., None], total
+    return summed[..., :-1] / total.clamp_min(1e-30)[..., None], total
 
 
 def fill_unobserved(texture: Tensor, observed: Tensor) -> Tensor:
@@ -74,7 +74,7 @@ def fill_unobserved(texture: Tensor, observed: Tensor) -> Tensor:
     """
     if bool(observed.all()) or not bool(observed.any()):
         return texture
-    filled = _pull_push(_squared(texture * observed[..., None]), _squared(observed[..., None].to(texture.dtype)))
+    filled = _pull_push(_squared(torch.where(observed[..., None], texture, 0.0)), _squared(observed[..., None].to(texture.dtype)))
     return torch.where(observed[..., None], texture, _cropped(filled, len(texture)))
 
 
@@ -126,4 +126,4 @@ def _mixed_with_coarser(mean: Tensor, count: Tensor, even: float) -> Tensor:
     coarse = _mixed_with_coarser(pool(mean * count, 2) / average.clamp_min(1e-12), 4 * average, even)
     around = torch.nn.functional.interpolate(coarse, scale_factor=2, mode="bilinear", align_corners=False)
     own = count.square()
-    return torch.lerp(around, mean, own / (own + even**2))
+    return torch.lerp(around, mean, own / (own + even**2).clamp_min(1e-30))

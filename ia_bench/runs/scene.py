@@ -68,7 +68,7 @@ def tell(scene: Scene, note: Callable[[str], None], *, aligned: bool = True) -> 
         check_agreement(scene, note)
     for component, reason in unscored(scene, aligned=aligned).items():
         note(f"{component} will not be scored: {reason}")
-    inside = [float(view.image[view.mask > 0.5].mean()) for view in scene.novel]
+    inside = [float(view.image[view.mask > 0.5].mean()) for view in scene.novel if (view.mask > 0.5).any()]
     if inside and not SHOWN[0] <= (mean := sum(inside) / len(inside)) <= SHOWN[1]:
         note(
             f"held-out photographs have a mean radiance of {mean:.3g}, and scores see what a display shows, from black at 0 to "

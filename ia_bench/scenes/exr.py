@@ -6,6 +6,7 @@ import errno
 import math
 import os
 import re
+from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
@@ -24,6 +25,7 @@ MAX_PIXELS = 1 << 26
 
 BRIGHTEST = 1e12  # radiance, in whatever unit: squares of more than it leave the range of float32
 REC709, ALIKE = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329), 0.01  # x and y of red, green, blue, white; rounded by writers
+RADIANCE = (0.64, 0.33, 0.29, 0.6, 0.15, 0.06, 1 / 3, 1 / 3)  # what .hdr files say that were never converted: taken for Rec.709
 
 
 def expect_size_to_read(path: Path, width: int, height: int) -> None:
@@ -61,6 +63,8 @@ def read_exr(path: Path, channels: int | None, *, grey: bool = False) -> np.ndar
         raise InputError(f"{path}: expected channels {', '.join(names)}, found {', '.join(sorted(found))}")
     if any(found[name].dtype == object for name in names):
         raise InputError(f"{path}: expected one value in a pixel, found several (a deep image); flatten it")
+    if len(sizes := {found[name].shape for name in names}) > 1:
+        raise InputError(f"{path}: expected channels of one size, found {' and '.join(map(str, sorted(sizes)))}")
     image = np.stack([found[name] for name in names], axis=-1).astype(np.float32)
     if not np.array_equal(stored, window):
         image = _in_window(image, stored, window)
@@ -96,9 +100,12 @@ def expect_radiance(path: Path, radiance: np.ndarray) -> None:
     if path.suffix.lower() == ".exr":
         with OpenEXR.File(str(path), header_only=True) as file:
             primaries = file.header().get("chromaticities", REC709)
-        if np.abs(np.subtract(primaries, REC709)).max() > ALIKE:
-            found = f"chromaticities {np.round(primaries, 4).tolist()}"
-            raise InputError(f"{path}: expected linear radiance of Rec.709 (sRGB), found {found}; convert the picture")
+        _expect_rec709(path, f"chromaticities {np.round(primaries, 4).tolist()}", primaries)
+
+
+def _expect_rec709(path: Path, found: str, primaries: Sequence[float] | np.ndarray, *others: Sequence[float]) -> None:
+    if min(np.abs(np.subtract(primaries, like)).max() for like in (REC709, *others)) > ALIKE:
+        raise InputError(f"{path}: expected linear radiance of Rec.709 (sRGB), found {found}; convert the picture")
 
 
 def read_light(path: Path) -> np.ndarray:
@@ -108,7 +115,7 @@ def read_light(path: Path) -> np.ndarray:
     if width != 2 * height:
         raise InputError(f"{path}: expected a lat-long map, twice as wide as high, found {width} x {height}")
     expect_radiance(path, radiance)
-    if radiance.max(initial=0) > BRIGHTEST:
+    if not radiance.max(initial=0) <= BRIGHTEST:
         raise InputError(f"{path}: expected radiance up to {BRIGHTEST:g}, found {radiance.max():g}")
     return radiance.clip(min=0)
 
@@ -141,6 +148,7 @@ def write_exr(path: Path, image: np.ndarray, *, half: bool = True) -> None:
 # ---------------------------------------------------------------- Radiance pictures (.hdr)
 # A pixel (r, g, b, e) is (r, g, b) 2^(e - 136), black where e is 0 (Ward, "Real Pixels", Graphics Gems II, 1991; file layout:
 # Radiance's reference manual, "filefmts"). Rows run from top to bottom, which is what all programs write.
+LARGEST = 255 * 2.0**119  # what a pixel can hold
 SHORTEST, LONGEST = 8, 32767  # pixels of a row that may be run-length encoded
 SIZE = re.compile(rb"-Y ([1-9]\d{0,8}) \+X ([1-9]\d{0,8})\n")
 
@@ -163,18 +171,24 @@ def read_rgbe(path: Path) -> np.ndarray:
             place = _row(content, place, row)
     except (IndexError, ValueError, MemoryError):
         raise InputError(f"{path}: expected {height} rows of {width} pixels, found damaged or missing data") from None
-    scale = np.where(rows[..., 3] > 0, np.exp2(rows[..., 3].astype(np.float64) - 136), 0) / _exposure(path, head)
-    return (rows[..., :3] * scale[..., None]).astype(np.float32)
+    for primaries in _lines(path, head, "PRIMARIES", 8):
+        _expect_rec709(path, f"PRIMARIES= {primaries.round(4).tolist()}", primaries, RADIANCE)
+    scale = np.where(rows[..., 3] > 0, np.exp2(rows[..., 3].astype(np.float64) - 136), 0)[..., None]
+    for factors in (*_lines(path, head, "EXPOSURE", 1, above=0), *_lines(path, head, "COLORCORR", 3, above=0)):
+        scale = scale / factors  # by which pixels have been multiplied
+    return (rows[..., :3] * scale).clip(max=np.finfo(np.float32).max).astype(np.float32)
 
 
-def _exposure(path: Path, head: bytes) -> float:
-    """By what all pixels of a Radiance picture have been multiplied: the product of its lines EXPOSURE=. Raises InputError."""
-    found = re.findall(rb"^EXPOSURE=\s*(\S*)", head, re.MULTILINE)
-    with suppress(ValueError):
-        product = math.prod(map(float, found))
-        if 0 < product < math.inf:
-            return product
-    raise InputError(f"{path}: EXPOSURE: expected a number above 0, found {b', '.join(found).decode(errors='replace')}")
+def _lines(path: Path, head: bytes, name: str, count: int, *, above: float = -math.inf) -> Iterator[np.ndarray]:
+    """The numbers in each of a header's lines NAME=. Raises InputError for a line without ``count`` of them, all ``above``."""
+    for line in re.findall(rb"^%s=(.*)" % name.encode(), head, re.MULTILINE):
+        with suppress(ValueError):
+            found = np.array(line.split(), float)
+            if found.shape == (count,) and (found > above).all() and np.isfinite(found).all():
+                yield found
+                continue
+        expected = ("a number" if count == 1 else f"{count} numbers") + (f" above {above:g}" if math.isfinite(above) else "")
+        raise InputError(f"{path}: {name}: expected {expected}, found {shown(line.decode(errors='replace').strip())}")
 
 
 def rgbe(radiance: np.ndarray) -> bytes:
@@ -183,7 +197,10 @@ def rgbe(radiance: np.ndarray) -> bytes:
 
 
 def rgbe_texels(radiance: np.ndarray) -> np.ndarray:
-    """The nearest RGBE value to each pixel (H, W, 3), linear and not negative: (H, W, 4) uint8."""
+    """The nearest RGBE value to each pixel (H, W, 3), linear and not negative: (H, W, 4) uint8. ValueError for NaN and infinity."""
+    if not np.isfinite(radiance).all():
+        raise ValueError("radiance: expected finite values, found NaN or infinity")
+    radiance = radiance.clip(max=LARGEST)
     brightest = radiance.max(-1)
     exponents = np.frexp(brightest)[1]  # brightest = f 2^e with f in [.5, 1)
     exponents += np.rint(np.ldexp(brightest, 8 - exponents)) > 255  # which rounds up to the next power of 2

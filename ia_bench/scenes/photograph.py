@@ -186,7 +186,7 @@ def open_picture(path: Path, *, upright: bool = False, notice: Callable[[str], N
             picture = _upright(file) if upright else file.copy()
     except InputError:  # of the size
         raise
-    except (OSError, SyntaxError, ValueError, struct.error, Image.DecompressionBombError) as error:  # as its formats raise them
+    except (OSError, SyntaxError, ValueError, RuntimeError, struct.error, Image.DecompressionBombError) as error:  # of its formats
         raise InputError(f"{path}: expected a picture (PNG, JPEG, TIFF, WebP, ...), found {error}") from None
     if reduced:
         notice(f"{path}: {REDUCED}")
@@ -271,6 +271,7 @@ def _arrays(path: Path, load: Callable[[], Mapping[str, Any]]) -> dict[str, np.n
         if not isinstance(values, np.ndarray) or values.dtype.kind not in "biuf" or values.size > 4 * MAX_PIXELS:
             found = f"{values.size} of {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__
             raise InputError(f"{where}: expected at most {4 * MAX_PIXELS} real numbers, found {shown(found)}")
-        if not np.isfinite(values).all():
-            raise InputError(f"{where}: expected finite numbers, found NaN or infinity")
+        if not (abs(values) <= np.finfo(np.float32).max).all():  # by which everything here is computed
+            found = "NaN or infinity" if not np.isfinite(values).all() else f"{abs(values).max():g}"
+            raise InputError(f"{where}: expected finite numbers that float32 can hold, found {found}")
     return {key: np.asarray(values, np.float64) for key, values in stored.items()}

@@ -44,7 +44,7 @@ class Mesh:
     uv: np.ndarray
 
     def same_as(self, other: Mesh | None, *, uv: bool = False) -> bool:
-        """Whether both have the same triangles at the same places, to rounding; with ``uv`` also in the texture."""
+        """Whether both have the same triangles, one by one, at the same places, to rounding; with ``uv`` also in the texture."""
         if other is None or self.faces.shape != other.faces.shape:
             return False
         size = 1e-5 * float(np.ptp(other.vertices, axis=0).max())
@@ -130,6 +130,11 @@ class View:
         """Which pixels are known, (H, W) bool: ``valid``, or all of them."""
         return np.ones(self.mask.shape, bool) if self.valid is None else self.valid
 
+    @property
+    def beyond(self) -> np.ndarray:
+        """Pixels, (H, W) bool, of which nobody knows whether they show the object: beyond the photograph, as it were."""
+        return ~self.known & (self.mask == 0)
+
     def _arrays(self) -> dict[str, np.ndarray]:
         return {part.name: value for part in fields(self) if isinstance(value := getattr(self, part.name), np.ndarray)}
 
@@ -151,7 +156,7 @@ class View:
 
         smaller: dict[str, Any] = {name: mean(values) for name, values in self._arrays().items()}
         if self.valid is not None:
-            beyond = mean(~self.valid & (self.mask == 0)) > 0
+            beyond = mean(self.beyond) > 0
             for values in smaller.values():
                 values[beyond] = 0
             smaller["valid"] = smaller["valid"] == 1

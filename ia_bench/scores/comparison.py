@@ -228,7 +228,7 @@ def scalar(view: Pair, protocol: Protocol) -> Compared:
         return as_it_is(view, protocol)
     scored = _eroded(view, protocol.comparison)
     _expect_finite(view, scored, everywhere=True)
-    pair = _composed(view, protocol.comparison, scored, (view.predicted, view.true))
+    pair = _known(_composed(view, protocol.comparison, scored, (view.predicted, view.true)), view)
     return Compared(*pair, view.known, protocol, whole=True)
 
 
@@ -279,7 +279,7 @@ def _whole(view: Pair, protocol: Protocol, encoding: Encoding, gain: float = 1.0
     scored = _eroded(view, settings)
     _expect_finite(view, scored, everywhere=True)
     pair, clipped = _encoded(view, encoding, _scale(view, scored, settings), gain, largest)
-    over = _composed(view, settings, scored, pair)
+    over = _known(_composed(view, settings, scored, pair), view)
     grey = _composed(view, settings, scored, (np.full(pair[0].shape, GREY), pair[1]))[0] if settings.floor else None
     return Compared(*over, view.known, protocol, whole=True, grey=grey, clipped=clipped)
 
@@ -296,6 +296,12 @@ def _composed(
         weight = weight if picture.ndim == 2 else weight[..., None]
         over.append(weight * picture + (1 - weight) * settings.background)
     return over[0], over[1]
+
+
+def _known(pair: tuple[np.ndarray, np.ndarray], view: Pair) -> tuple[np.ndarray, np.ndarray]:
+    """Two pictures that are the same where the truth is not known: windows of SSIM and LPIPS reach into that."""
+    predicted, true = pair
+    return np.where(view.known if true.ndim == 2 else view.known[..., None], predicted, true), true
 
 
 def _eroded(view: Pair, settings: ComparisonSettings) -> np.ndarray:

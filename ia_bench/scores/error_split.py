@@ -13,12 +13,13 @@ single pixel's ``low`` or ``level`` may be negative.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from ia_bench.render.gbuffer import sees, trace_gbuffer
 from ia_bench.render.stage import Stage
@@ -67,38 +68,56 @@ class VisibleSurface(NamedTuple):
         middle = 0.5 * (mesh.vertices.min(0) + mesh.vertices.max(0))
         for view in farthest_first(photographs, middle) if photographs else ():  # most places are found by the first few
             left = torch.nonzero(~seen)[:, 0]
-            camera = photographs[view].camera
-            seen[left] = sees([camera], position[left], geometric[left], stage.rays, stage.surface.offset)[:, 0]
+            seen[left] = _shown(photographs[view], position[left], geometric[left], stage)
         return cls(position.cpu().numpy(), normal.cpu().numpy(), seen.cpu().numpy(), tuple(entries))
 
 
-def split(views: Sequence[Pair], shown: VisibleSurface, protocol: Protocol) -> list[Pair]:
-    """The views of albedo with the parts of their error, means over the scored pixels and channels of each.
+def _shown(photograph: View, position: Tensor, normal: Tensor, stage: Stage) -> Tensor:
+    """Whether a photograph shows places (N, 3) well: (N,) bool, False for those that it would show beyond its own pixels."""
+    seen = sees([photograph.camera], position, normal, stage.rays, stage.surface.offset)[:, 0]
+    if photograph.valid is not None:
+        column, row, _ = photograph.camera.project(position[seen])
+        beyond = torch.from_numpy(photograph.beyond).to(seen.device)
+        seen[seen.clone()] = ~beyond[row.long(), column.long()]
+    return seen
+
+
+def split(views: Sequence[Pair], shown: VisibleSurface, protocol: Protocol) -> tuple[dict[str, float], ...]:
+    """The parts of the error in views of albedo, means over the scored pixels and channels of each.
 
     Raises Undefined where no view has a scored pixel or the prediction is not finite in one.
     """
-    at = np.concatenate([entry[view.mask] for view, entry in zip(views, shown.entry, strict=True)])
-    predicted, true = (np.concatenate([getattr(view, name)[view.mask] for view in views]) for name in ("predicted", "true"))
+    places = [entry[view.mask] for view, entry in zip(views, shown.entry, strict=True)]
+    at = np.concatenate(places)
+    predicted = np.concatenate([view.predicted[view.mask].astype(np.float32) for view in views])
+    encoded = np.concatenate([_encoded(view.true[view.mask], protocol).astype(np.float32) for view in views])
     if not len(at):
         raise NoScoredPixel
     if not np.isfinite(predicted).all():
         raise Undefined("the prediction is not finite")
     seen = np.append(shown.seen, True)[at]  # -1, of an edge's pixel whose middle misses the mesh, reads the last: it counts as seen
-    encoded = _encoded(true, protocol)
-    before = _encoded(predicted, protocol) - encoded
-    after = _encoded(predicted * _factor(predicted[seen], encoded[seen], protocol), protocol) - encoded
-    smooth = np.zeros_like(after)
+    factor = _factor(predicted[seen], encoded[seen], protocol)
     inside = seen & (at >= 0)
-    smooth[inside] = _smoothed(after[inside], shown.position[at[inside]], shown.normal[at[inside]])
+    after = _encoded(predicted[inside] * factor.astype(np.float32), protocol) - encoded[inside]
+    smooth = np.zeros_like(predicted)
+    smooth[inside] = _smoothed(after, shown.position[at[inside]], shown.normal[at[inside]])
+    ends = np.cumsum([len(one) for one in places])[:-1]
+    of_view = zip(views, *(np.split(values, ends) for values in (seen, smooth)), strict=True)
+    return tuple(_parts(view, factor, seen, smooth, protocol) for view, seen, smooth in of_view)
+
+
+def _parts(view: Pair, factor: np.ndarray, seen: np.ndarray, smooth: np.ndarray, protocol: Protocol) -> dict[str, float]:
+    """The parts of a view's error, of whose N scored pixels ``seen`` (N,) are shown; ``smooth`` (N, 3) is their smoothed error."""
+    predicted, encoded = view.predicted[view.mask], _encoded(view.true[view.mask], protocol)
+    before = _encoded(predicted, protocol) - encoded
+    after = _encoded(predicted * factor, protocol) - encoded
     squares = {
         "unseen": before**2 * ~seen[:, None],
         "level": (before**2 - after**2) * seen[:, None],
         "low": after * smooth,
         "high": after * (after - smooth) * seen[:, None],
     }
-    ends = np.cumsum([int(view.mask.sum()) for view in views])[:-1]
-    of_view = {name: [float(part.mean()) if len(part) else 0.0 for part in np.split(squares[name], ends)] for name in ERROR_PARTS}
-    return [replace(view, parts={name: of_view[name][i] for name in ERROR_PARTS}) for i, view in enumerate(views)]
+    return {name: float(squares[name].mean()) if len(seen) else 0.0 for name in ERROR_PARTS}
 
 
 def _encoded(linear: np.ndarray, protocol: Protocol) -> np.ndarray:
@@ -113,10 +132,10 @@ def _factor(predicted: np.ndarray, encoded: np.ndarray, protocol: Protocol) -> n
     """
     factor = np.ones(3)
     if len(predicted):
-        wanted = encoded.mean(0)
+        wanted = encoded.mean(0, dtype=np.float64)
         possible = (wanted > DARKEST) & (wanted <= (predicted > 0).mean(0))
         for _ in range(STEPS):
-            mean = _encoded(predicted * factor, protocol).mean(0)
+            mean = _encoded(predicted * factor.astype(np.float32), protocol).mean(0, dtype=np.float64)
             curved = (protocol.albedo_encoding == "srgb") & (np.maximum(mean, wanted) > DARK)
             step = (wanted / np.maximum(mean, DARKEST)) ** np.where(curved, GAMMA, 1.0)  # too large a power would never arrive
             factor = np.where((mean > DARKEST) & possible, factor * step, 1.0)
@@ -135,14 +154,14 @@ def _smoothed(values: np.ndarray, position: np.ndarray, normal: np.ndarray) -> n
         return values
     low = position.min(0)
     size = max(WIDTH / CELLS * float(np.linalg.norm(position.max(0) - low)), 1e-12)
-    cell = ((position - low) / size).astype(int)
+    cell = ((position - low) / size).astype(np.int32)
     shape = cell.max(0) + 1
     flat = np.ravel_multi_index(tuple(cell.T), shape)
-    weights = np.concatenate([np.maximum(normal, 0) ** 2, np.minimum(normal, 0) ** 2], 1)
-    total, power = np.zeros_like(values), np.zeros(len(values))
-    for weight in weights.T:
-        sums = [np.bincount(flat, weight * column, shape.prod()).reshape(shape) for column in (*values.T, np.ones(len(flat)))]
-        *smooth, count = (gaussian_filter(one, CELLS, mode="constant").reshape(-1)[flat] for one in sums)
-        total += weight[:, None] * np.stack(smooth, 1)
-        power += weight * count
-    return total / np.maximum(power, 1e-12)[:, None]
+    del cell
+    columns, power = [np.zeros(len(values)) for _ in values.T], np.zeros(len(values))
+    for part, axis in itertools.product((np.maximum, np.minimum), normal.T):
+        weight = part(axis, 0) ** 2
+        for total, values_of in ((power, 1.0), *zip(columns, values.T, strict=True)):
+            grid = np.bincount(flat, weight * values_of, shape.prod()).reshape(shape)
+            total += weight * gaussian_filter(grid, CELLS, mode="constant").reshape(-1)[flat]
+    return np.stack([column / np.maximum(power, 1e-12) for column in columns], 1)

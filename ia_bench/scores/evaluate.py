@@ -202,7 +202,7 @@ def _paired(predictions: Predictions, truth: Predictions, what: str, protocol: P
     """The views of a component (for relighting by light), or why there are none."""
     predicted, true = getattr(predictions, what), getattr(truth, what)
     if true is None or true == {}:
-        return NO_TRUTH[what]
+        return truth.undefined.get(what, NO_TRUTH[what])
     if predicted is None:
         return predictions.undefined.get(what, f"the method does not predict {what.replace('_', ' ')}")
     if what != "relighting":
@@ -232,7 +232,7 @@ def _split(albedo: Views, shown: VisibleSurface | None, protocol: Protocol) -> V
     if shown is None:
         return "the scene has no true mesh"
     try:
-        return {"": replace(albedo[""], parts=tuple(view.parts for view in split(albedo[""], shown, protocol)))}
+        return {"": replace(albedo[""], parts=split(albedo[""], shown, protocol))}
     except Undefined as reason:
         return str(reason)
 
@@ -271,12 +271,12 @@ def explain(values: Sequence[Value]) -> str | None:
 
 
 def finite_or_none(tree: object) -> object:
-    """Copy nested dicts and lists, with None for every Undefined and every infinity (JSON has neither)."""
+    """Copy nested dicts and lists, with None for every Undefined and every number that is not finite (JSON has neither)."""
     if isinstance(tree, Mapping):
         return {key: finite_or_none(value) for key, value in tree.items()}
     if isinstance(tree, list | tuple):
         return [finite_or_none(value) for value in tree]
-    if isinstance(tree, Undefined) or (isinstance(tree, float) and math.isinf(tree)):
+    if isinstance(tree, Undefined) or (isinstance(tree, float) and not math.isfinite(tree)):
         return None
     return tree
 

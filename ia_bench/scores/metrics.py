@@ -145,7 +145,10 @@ def ssim(pair: Compared) -> float:
     if pair.whole:
         border = settings.window // 2 if settings.border == "valid" else 0
         found = _similarity(pair.predicted, pair.true, pair.spread, settings)
-        return float(found[border : height - border, border : width - border].mean())
+        within = slice(border, height - border), slice(border, width - border)
+        if not pair.area[within].any():
+            raise Undefined("no known pixel has its window within the picture")
+        return float(found[within][pair.area[within]].mean())
     reach, places = settings.window, np.nonzero(pair.area)  # no window of a scored pixel looks farther
     seen = tuple(slice(max(int(at.min()) - reach, 0), int(at.max()) + reach + 1) for at in places)
     spread = None if pair.spread is None else pair.spread[seen]
@@ -243,8 +246,8 @@ def load(settings: LpipsSettings) -> lpips_package.LPIPS | str:
             afterwards.callback(socket.setdefaulttimeout, socket.getdefaulttimeout())
             socket.setdefaulttimeout(DOWNLOAD_SECONDS)
             network = package.LPIPS(net=settings.net, spatial=True, pnet_rand=not own, pretrained=own, verbose=False)
-    except (OSError, RuntimeError) as error:  # no connection; a download that does not match its checksum
-        return f"weights of lpips net {settings.net} are not cached and cannot be downloaded: {first_line(error)}"
+    except Exception as error:  # no connection, a download that does not match its checksum, a damaged file in the cache
+        return f"weights of lpips net {settings.net} can be neither read nor downloaded: {first_line(error)}"
     if weights is not None:
         from safetensors import SafetensorError
         from safetensors.torch import load_file
@@ -253,6 +256,8 @@ def load(settings: LpipsSettings) -> lpips_package.LPIPS | str:
             network.load_state_dict(load_file(weights), strict=True)
         except (OSError, RuntimeError, SafetensorError) as error:
             return f"{weights} is no full state dict of lpips net {settings.net}: {first_line(error)}"
+    if not all(bool(torch.isfinite(values).all()) for values in network.state_dict().values()):
+        return f"weights of lpips net {settings.net} hold NaN or infinity"
     return network.to(memory_format=torch.channels_last).eval().requires_grad_(False)
 
 

@@ -31,7 +31,7 @@ class SsimSettings:
 
     TRUNCATE: ClassVar[float] = 3.5  # where the window is cut off, in sigma
 
-    sigma: Annotated[float, Field(gt=0)] = 1.5
+    sigma: Annotated[float, Field(gt=0, le=1000)] = 1.5
     side: Annotated[int, Field(ge=1, le=99)] | None = None
     border: Literal["reflect", "valid"] = "reflect"
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.light.environment import Environment, LatLongEnvironment
-from ia_bench.render.gbuffer import primary_rays
+from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.reconstruction import Quality, Reconstruction, TexturedReconstruction
 from ia_bench.render.settings import BROUGHT, REFERENCE
 from ia_bench.render.stage import Stage, camera_key
@@ -41,7 +41,7 @@ def score_geometry(found: Stage, true: Mesh | None, views: Sequence[View], mask_
         - ``depth``: mean absolute difference of the distances along these rays, over the diagonal of the true mesh's box;
         - ``chamfer``: mean distance from a point of either shape that the cameras see to the nearest such point of the other one,
           averaged over both directions, over the same diagonal;
-        - ``mask_iou``: sum of the smaller over sum of the larger of mask and coverage, over all pixels;
+        - ``mask_iou``: sum of the smaller over sum of the larger of mask and coverage, over all pixels of the photographs;
         - ``missed_share``: share of the pixels with a mask above the threshold that the shape does not cover at all; they count
           as black in every score.
     """
@@ -55,9 +55,8 @@ def score_geometry(found: Stage, true: Mesh | None, views: Sequence[View], mask_
 def _against_masks(views: Sequence[View], seen: Sequence[_Seen], mask_threshold: float) -> dict[str, float | str]:
     if not views:
         return dict.fromkeys(("mask_iou", "missed_share"), "the scene has no held-out view")
-    masks = np.concatenate([view.mask.ravel() for view in views])
-    seen_of = zip(views, seen, strict=True)
-    covers = np.concatenate([one.hit.reshape(view.mask.size, -1).double().mean(-1).numpy() for view, one in seen_of])
+    masks = np.concatenate([view.mask[~view.beyond] for view in views])
+    covers = np.concatenate([one.coverage[~view.beyond] for view, one in zip(views, seen, strict=True)])
     inside, both, either = masks > mask_threshold, np.minimum(masks, covers).sum(), np.maximum(masks, covers).sum()
     return {
         "mask_iou": float(both / either) if masks.any() else "no held-out view has a mask that shows the object",
@@ -70,11 +69,11 @@ def _against_shape(found: Stage, true: Mesh | None, views: Sequence[View], seen:
         return dict.fromkeys(OF_SHAPE, "the scene has no true mesh" if views else "the scene has no held-out view")
     stage = Stage(true, found.device)
     truth = [_Seen.of(stage, view) for view in views]
-    shared = [one.hit & other.hit for one, other in zip(seen, truth, strict=True)]
-    if not any(bool(hit.any()) for hit in shared):
+    shared = [np.intersect1d(one.ray, other.ray, return_indices=True)[1:] for one, other in zip(seen, truth, strict=True)]
+    if not any(len(own) for own, _ in shared):
         return dict.fromkeys(OF_SHAPE, "no ray hits both shapes")
-    both = [(one, hit[one.hit], other, hit[other.hit]) for one, other, hit in zip(seen, truth, shared, strict=True)]
-    cosine = torch.cat([(one.normal[own] * other.normal[its]).sum(-1) for one, own, other, its in both]).clamp(-1, 1)
+    both = [(one, own, other, its) for one, other, (own, its) in zip(seen, truth, shared, strict=True)]
+    apart = torch.cat([(one.normal[own] - other.normal[its]).norm(dim=-1) for one, own, other, its in both])  # a chord
     depth = torch.cat([(one.distance[own] - other.distance[its]).abs() for one, own, other, its in both])
     from scipy.spatial import cKDTree  # only where a mesh was made
 
@@ -82,26 +81,32 @@ def _against_shape(found: Stage, true: Mesh | None, views: Sequence[View], seen:
     thin = [cloud[:: -(-len(cloud) // POINTS)].numpy() for cloud in clouds]
     chamfer = 0.5 * sum(float(cKDTree(thin[1 - side]).query(thin[side])[0].mean()) for side in (0, 1))
     diagonal = float(np.linalg.norm(np.ptp(true.vertices, axis=0)))
-    means = torch.rad2deg(torch.acos(cosine)).double().mean(), depth.double().mean() / diagonal
+    means = torch.rad2deg(2 * torch.asin((apart / 2).clamp(max=1))).double().mean(), depth.double().mean() / diagonal
     return dict(zip(OF_SHAPE, (*map(float, means), chamfer / diagonal), strict=True))
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """What N = H W S rays of a camera see: hit (N,), of the M that hit the shape unit normal, position (M, 3), distance (M,)."""
+    """What rays of a camera see: the M that hit the shape, by number, with unit normal, position (M, 3), and distance (M,).
 
-    hit: Tensor
+    ``coverage`` (H, W): the share of each pixel's SIDE x SIDE rays that hit.
+    """
+
+    ray: np.ndarray
     normal: Tensor
     distance: Tensor
     position: Tensor
+    coverage: np.ndarray
 
     @classmethod
     def of(cls, stage: Stage, view: View) -> _Seen:
-        origins, directions = (torch.from_numpy(a).reshape(-1, 3).to(stage.device) for a in primary_rays(view.camera, SIDE))
-        face, barycentric, distance = stage.rays.intersect(origins, directions)
-        hit = face >= 0
-        points = stage.surface(face[hit], barycentric[hit], origins[hit])
-        return cls(hit.cpu(), points.normal.cpu(), distance[hit].cpu(), points.position.cpu())
+        gbuffer = trace_gbuffer([view.camera], stage.rays, SIDE, stage.device)
+        entry, place = torch.nonzero(gbuffer.face >= 0, as_tuple=True)
+        origins = gbuffer.seen_from(entry)
+        points = stage.surface(gbuffer.face[entry, place], gbuffer.barycentric[entry, place], origins)
+        ray, distance = gbuffer.pixel[entry] * SIDE**2 + place, (points.position - origins).norm(dim=-1)
+        coverage = gbuffer.coverage()[0].double()
+        return cls(ray.cpu().numpy(), points.normal.cpu(), distance.cpu(), points.position.cpu(), coverage.cpu().numpy())
 
 
 MAPS = ("albedo", "roughness", "metallic")
@@ -192,7 +197,7 @@ class Scorer:
         stride, samples = self._protocol.curve_stride, min(self._protocol.curve_samples, self._protocol.samples_per_pixel)
         truth = self._truth(stride, self._protocol.curve_lights)
         own = self._predict(reconstruction, truth, stride, samples)
-        exported = self._exported(reconstruction) if own.relighting is None else None
+        exported = self._exported(reconstruction) if own.relighting is None and truth.relighting else None
         if exported is not None:
             wanted = Predictions(albedo=truth.albedo, relighting=truth.relighting)
             own = replace(own, relighting=self._predict(exported, wanted, stride, samples).relighting)

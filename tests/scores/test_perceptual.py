@@ -83,7 +83,7 @@ def test_without_internet_there_is_a_reason_and_it_is_remembered(monkeypatch: py
     monkeypatch.setenv("TORCH_HOME", str(tmp_path))  # nothing cached
     monkeypatch.setattr("torch.hub.urlopen", unreachable)
     for _ in range(2):
-        with pytest.raises(Undefined, match="net alex are not cached and cannot be downloaded: .*not known"):
+        with pytest.raises(Undefined, match="net alex can be neither read nor downloaded: .*not known"):
             distance(GUESS, settings=LpipsSettings(net="alex"))
     assert attempts == [perceptual.DOWNLOAD_SECONDS]
     assert perceptual.socket.getdefaulttimeout() is None
