@@ -21,7 +21,6 @@ from ia_bench.capture.capture import captured
 from ia_bench.common.calls import expect_kind, expect_whole, path_of
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import log
-from ia_bench.common.files import user_path
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.registry import process_state_kept
@@ -36,9 +35,9 @@ from ia_bench.runs.composition import compose, written
 from ia_bench.runs.execute import execute
 from ia_bench.runs.identity import from_anywhere
 from ia_bench.runs.recovered import Recovered
-from ia_bench.runs.relighting import Background, draw, frames_of
+from ia_bench.runs.relighting import Background, draw, frames_of, light_called
 from ia_bench.runs.scene import read_scene
-from ia_bench.scenes.exr import read_exr, read_light
+from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Camera, Scene
 from ia_bench.scores.metrics import MEASURED
 from ia_bench.scores.scorer import Scorer
@@ -209,8 +208,7 @@ class Fit(Recovered):
             if not (np.isfinite(light).all() and light.min() >= 0):
                 raise InputError(f"light: expected finite radiance of 0 and more, found {light.min():.4g} to {light.max():.4g}")
             return light
-        lights = {} if self.scene.truth is None else self.scene.truth.lights
-        return lights[str(light)] if str(light) in lights else read_light(user_path("light", str(light)))
+        return light_called(str(light), self.scene, "light")
 
 
 def fit(

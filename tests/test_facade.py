@@ -53,7 +53,7 @@ def test_a_light_is_a_name_a_file_or_an_array(fit: ib.Fit, scene: ib.LoadedScene
     np.testing.assert_allclose(fit.render(camera, 2 * fit.light), 2 * fit.render(camera), rtol=1e-5)
     relit = fit.relight(name, f"test/{scene.test[0].name}", size=16, samples=8)
     assert (relit.mode, relit.size) == ("RGBA", (16, 16))
-    with pytest.raises(ib.InputError, match="light=dusk: no such file"):
+    with pytest.raises(ib.InputError, match="unknown light 'dusk'. There are: train, studio, sunset, night; or the file of a map"):
         fit.render(camera, "dusk")
     for wrong, said in (
         (np.ones((16, 16, 3)), r"\(H, 2 H, 3\)"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import shutil
 from collections import Counter
 from collections.abc import Sequence
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ia_bench.cli.report import finish
+from ia_bench.common.arguments import Parser
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import FAULT, OK, complain, exits
 from ia_bench.common.files import read_json
@@ -29,7 +29,7 @@ NAMED = 12
 @exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 1 if a pack was left out, each of which is named."""
-    parser = argparse.ArgumentParser(prog="ia-bench board", description=__doc__.partition(": ")[2], allow_abbrev=False)
+    parser = Parser(prog="ia-bench board", description=__doc__.partition(": ")[2])
     parser.add_argument("packs", nargs="+", type=Path, metavar="PACKS", help="zip files, or folders with some")
     parser.add_argument("--out", type=Path, required=True, help="folder to write into")
     parser.add_argument("--verified", type=Path, metavar="FILE.json", help="written by ia-bench verify --out: rows are marked")

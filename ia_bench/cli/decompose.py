@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from ia_bench.common.arguments import at_least
+from ia_bench.common.arguments import Parser, at_least
 from ia_bench.common.errors import InputError, expect_distinct
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.paths import make_writable
@@ -21,7 +20,7 @@ from ia_bench.scenes.photograph import read_photograph
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     about = __doc__.partition("\n")[0].partition(": ")[2]
-    parser = argparse.ArgumentParser(prog="ia-bench decompose", description=about, allow_abbrev=False)
+    parser = Parser(prog="ia-bench decompose", description=about)
     parser.add_argument("images", nargs="+", type=Path, metavar="IMAGE", help="PNG, JPEG, TIFF, ... (sRGB) or OpenEXR (linear)")
     parser.add_argument("--mask", type=Path, help="picture that is white on the object; else the image's alpha, else all of it")
     parser.add_argument("--out", type=Path, default=Path("decomposed"), help="folder for the results (default: decomposed)")
@@ -51,7 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for path, picture in zip(wanted.images, pictures, strict=True):
         with Progress() as progress:
             parts = decompose_with(maker, *picture, samples=wanted.samples, seed=wanted.seed, begin=progress.task)
-        say(f"{path}: {parts.samples} samples, {parts.network_calls} network evaluations", sys.stdout)
+        counts = {"sample": parts.samples, "network evaluation": parts.network_calls}
+        told = ", ".join(f"{count} {what}{'s' * (count != 1)}" for what, count in counts.items())
+        say(f"{path}: {told}", sys.stdout)
         for written in write_decomposition(parts, wanted.out, path.stem):
             say(f"  {written}", sys.stdout)
     return OK

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ia_bench.common.arguments import Parser
 from ia_bench.common.atomic_file import whole_folder
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import OK, exits, say
@@ -36,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     about = __doc__.partition(": ")[2]
     shape = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser("ia-bench export", USAGE, about, EXAMPLES, formatter_class=shape, allow_abbrev=False)
+    parser = Parser("ia-bench export", USAGE, about, EXAMPLES, formatter_class=shape)
     parser.add_argument("given", nargs="+", metavar="SCENE OUT", help="what is written, and where")
     parser.add_argument("--format", help="the layout that is written, with mesh, truth and lights where it has a place for them")
     parser.add_argument("--for", dest="purpose", choices=["prior"], help="training photographs for a network, instead of a format")

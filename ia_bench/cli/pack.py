@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ia_bench.common.arguments import Parser
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, complain, exits, say
 from ia_bench.common.paths import make_writable
@@ -19,7 +19,7 @@ from ia_bench.runs.record import METRICS_FILE, RunRecord
 @exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    parser = argparse.ArgumentParser(prog="ia-bench pack", description=__doc__.partition(": ")[2], allow_abbrev=False)
+    parser = Parser(prog="ia-bench pack", description=__doc__.partition(": ")[2])
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help="folders of runs, or the folder of a table's results")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.zip", help="the pack to write")
     parser.add_argument("--authors", help="who brings the results, as a table shall name them")

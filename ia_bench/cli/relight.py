@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ia_bench.common.arguments import at_least, number_of
+from ia_bench.common.arguments import Parser, at_least, number_of
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.machine import cores, settle_libraries
@@ -32,9 +32,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     about = f"{__doc__.partition(': ')[2]}\n\n{EXAMPLES}"
     kind = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(prog="ia-bench relight", description=about, formatter_class=kind, allow_abbrev=False)
+    parser = Parser(prog="ia-bench relight", description=about, formatter_class=kind)
     parser.add_argument("what", type=Path, metavar="RUN|ASSET", help="the folder of a run, or a .glb, .gltf or .obj")
-    parser.add_argument("--light", nargs="+", type=Path, required=True, help="lat-long maps, .hdr or .exr; several side by side")
+    parser.add_argument(
+        "--light", nargs="+", required=True, help="lights of the run's scene, or maps, .hdr or .exr; several side by side"
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".png, .webp, .gif, or .mp4 (by ffmpeg)")
     seen = "still, orbit (the object turns), test (all held-out views) or a view, as test/0001 (default: a held-out one or still)"
     parser.add_argument("--views", metavar="VIEW", help=seen)
@@ -62,15 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     from ia_bench.render.reconstruction import Quality
     from ia_bench.runs import relighting
-    from ia_bench.scenes.exr import read_light
 
     make_writable(wanted.out.parent, "--out")
     if not wanted.what.exists():
         raise InputError(f"{wanted.what}: expected the folder of a run, or a .glb, .gltf or .obj file, found none")
-    lights = [read_light(path) for path in wanted.light]
-    for path, light in zip(wanted.light, lights, strict=True):
-        if not light.any():
-            raise InputError(f"{path}: expected a light, found a black map")
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     with Progress() as progress:
         scene = None
@@ -78,6 +75,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             found, scene = relighting.of_run(wanted.what, device, wanted.scene)
         else:
             found = relighting.of_asset(wanted.what, device, progress.note, wanted.up)
+        lights = [relighting.light_called(name, scene, "--light") for name in wanted.light]
+        for name, light in zip(wanted.light, lights, strict=True):
+            if not light.any():
+                raise InputError(f"--light={name}: expected a light, found a black map")
         views = wanted.views or (f"test/{scene.test[0].name}" if scene is not None and scene.test else relighting.STILL)
         frames = relighting.frames_of(views, turn, found.assets().mesh, scene, wanted.size)
         relighting.expect_format(wanted.out, background, frames, len(lights))
@@ -89,8 +90,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ]
     side_by_side = [np.concatenate(row, 1) for row in zip(*(pictures for pictures, _ in drawn), strict=True)]
     relighting.write_animation(wanted.out, side_by_side, seconds=wanted.seconds)
-    for path, (_, exposure) in zip(wanted.light, drawn, strict=True):
-        say(f"{path}: exposure {exposure:+.2f} EV", sys.stdout)
+    for name, (_, exposure) in zip(wanted.light, drawn, strict=True):
+        say(f"{name}: exposure {exposure:+.2f} EV", sys.stdout)
     say(str(wanted.out), sys.stdout)
     return OK
 

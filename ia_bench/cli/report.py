@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import webbrowser
 from collections.abc import Sequence
@@ -10,6 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+from ia_bench.common.arguments import Parser
 from ia_bench.common.errors import InputError, listed, printable, unknown
 from ia_bench.common.exit_codes import OK, complain, exits, say
 from ia_bench.common.paths import make_writable
@@ -30,7 +30,7 @@ NOTES = 5  # so many of a report's notes are printed as well
 @exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    parser = argparse.ArgumentParser(prog="ia-bench report", description=__doc__.partition(": ")[2], allow_abbrev=False)
+    parser = Parser(prog="ia-bench report", description=__doc__.partition(": ")[2])
     what = "folders that are searched for run folders, or a former report's runs.csv"
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help=what)
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="folder to write into (default: RUNS-report, beside RUNS)")

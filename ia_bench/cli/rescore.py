@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ia_bench.common.arguments import at_least
+from ia_bench.common.arguments import Parser, at_least
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.exit_codes import FAULT, OK, complain, exits, say
 from ia_bench.common.machine import cores, settle_libraries
@@ -21,7 +20,7 @@ from ia_bench.scores.protocol import Protocol
 @exits(resumes=True)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 1 if a run could not be scored, each of which is named."""
-    parser = argparse.ArgumentParser(prog="ia-bench rescore", description=__doc__.partition(": ")[2], allow_abbrev=False)
+    parser = Parser(prog="ia-bench rescore", description=__doc__.partition(": ")[2])
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help="folders that are searched for finished runs")
     parser.add_argument("--out", type=Path, required=True, help="folder of the new run folders; what is in it already is kept")
     parser.add_argument("--protocol", default=Protocol.name, help="a protocol of conf/protocol (default: %(default)s)")

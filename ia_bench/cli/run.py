@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, command, say
+from ia_bench.common.paths import conf_folder
 
 if TYPE_CHECKING:
     from ia_bench.runs.config import RunConfig
@@ -75,6 +76,8 @@ def _expect_setting(text: str, after: Sequence[str]) -> None:
         raise InputError(f"{text}: expected one run, found a sweep: a table is many, ia-bench table --help")
     if name.startswith("hydra"):
         raise InputError(f"{text}: expected a setting of a run, found one of Hydra's own, which decide nothing here")
+    if text and (conf_folder() / "scene" / f"{text}.yaml").is_file():
+        raise InputError(f"{text}: expected SETTING=VALUE, such as scene={text}")
     if "=" not in text or text.startswith("-"):
         value = next((word for word in after if "=" not in word), "VALUE")
         raise InputError(f"{text}: expected SETTING=VALUE, such as {name.partition('=')[0]}={value}; --help lists them")

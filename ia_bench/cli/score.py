@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.cli.run import run
+from ia_bench.common.arguments import Parser
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.files import is_file, shown
@@ -47,7 +48,7 @@ TEXTS = ("light", "order", *DECLARED[:3])
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     kind = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser("ia-bench score", USAGE, ABOUT, formatter_class=kind, allow_abbrev=False)
+    parser = Parser("ia-bench score", USAGE, ABOUT, formatter_class=kind)
     parser.add_argument("given", nargs="+", metavar="WHAT", help="a mesh or a folder, and settings")
     parser.add_argument("--scene", metavar="NAME|FOLDER", help="what it was recovered of")
     parser.add_argument("--pictures", metavar="OUT", help="write the pictures of a run into a folder instead")

@@ -22,6 +22,7 @@ from typing import Any
 from ia_bench.common.arguments import read_arguments, settings_of
 from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import FAULT, OK, command, complain
+from ia_bench.common.paths import conf_folder
 from ia_bench.common.progress import Progress
 from ia_bench.runs.cells import TableRequest, make_cells, write_cells
 from ia_bench.runs.composition import compose
@@ -42,7 +43,9 @@ def parse(arguments: Sequence[str]) -> TableRequest:
         key, separator, _ = argument.partition("=")
         first = key.lstrip("+~").split(".")[0]
         if not separator:
-            raise InputError(f"expected SETTING=VALUE, found '{argument}'; --help says more")
+            a_table = argument.endswith(".yaml") or (conf_folder() / "table" / f"{argument}.yaml").is_file()
+            meant = f", such as table={argument}" if a_table else ""
+            raise InputError(f"expected SETTING=VALUE{meant}, found '{argument}'; --help says more")
         if key in OWN or key.startswith("launcher."):
             own.append(argument)
         elif first in SETTINGS:
@@ -92,7 +95,7 @@ def make_table(request: TableRequest) -> int:
     cells = make_cells(table, request, threads, results, broken.append)
     with Progress() as progress:
         at_a_time = "as many at a time as fit" if jobs == AS_MANY_AS_FIT else f"{jobs} at a time"
-        progress.note(f"{results}: {len(cells)} cells, {at_a_time}, {threads} threads each")
+        progress.note(f"{results}: {len(cells)} cells, {at_a_time}, {threads} thread{'s' * (threads > 1)} each")
         for line in broken:
             progress.note(line)
         known_as = str(Path(request.table).resolve()) if request.table.endswith(".yaml") else request.table

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
 
-from ia_bench.common.arguments import at_least, number_of
+from ia_bench.common.arguments import Parser, at_least, number_of
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError, printable
 from ia_bench.common.exit_codes import FAULT, OK, complain, exits, say
@@ -26,7 +26,7 @@ TABLE = "runs.csv"
 @exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 0 if every run was scored or run again and agrees, else 1."""
-    parser = argparse.ArgumentParser(prog="ia-bench verify", description=__doc__.partition(": ")[2], allow_abbrev=False)
+    parser = Parser(prog="ia-bench verify", description=__doc__.partition(": ")[2])
     what = "zip files of ia-bench pack, runs.csv files of reports, or folders with some of either"
     parser.add_argument("published", nargs="+", type=Path, metavar="PUBLISHED", help=what)
     where = "folder of a scene that is not shipped; may be given several times"

@@ -6,13 +6,13 @@ again when a cell has ended. Ctrl-C ends the watch, not the runs.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from ia_bench.common.arguments import Parser
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, exits, say
 from ia_bench.common.paths import make_writable
@@ -28,7 +28,7 @@ LEAST_SECONDS, MOST_SECONDS = 0.2, 86_400
 @exits()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    parser = argparse.ArgumentParser(prog="ia-bench watch", description=__doc__.partition(": ")[2], allow_abbrev=False)
+    parser = Parser(prog="ia-bench watch", description=__doc__.partition(": ")[2])
     parser.add_argument("runs", type=Path, metavar="RUNS", help="a table's results")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"folder to write the page into (default: RUNS/{LIVE})")
     parser.add_argument("--every", type=float, default=2.0, metavar="SECONDS", help="seconds between two looks (default: 2)")

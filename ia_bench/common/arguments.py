@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import yaml
 
@@ -64,6 +64,18 @@ def settings_of(kind: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:  # no
 def settings_text(kind: type[object]) -> str:
     """The keys of :func:`read_arguments` and their defaults, one a line, as a command's help ends with them."""
     return "\n".join(f"  {key:<28}{'(required)' if value is dataclasses.MISSING else value}" for key, value in settings_of(kind))
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser of options that takes no beginnings of names for them and says a mistake in one sentence, as an InputError."""
+
+    def __init__(self, *given: Any, **settings: Any) -> None:  # noqa: ANN401 (argparse's own)
+        super().__init__(*given, allow_abbrev=False, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        """Raise it, with the way to the help."""
+        said = message.removeprefix("argument ").replace("the following arguments are required: ", "expected ")
+        raise InputError(f"{said}; {self.prog} --help says more")
 
 
 def at_least(least: int) -> Callable[[str], int]:

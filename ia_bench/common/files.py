@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import io
 import json
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -35,7 +37,7 @@ def user_path(key: str, text: str, *, folder: bool = False) -> Path:
         text.encode()  # what is no UTF-8 could be opened, but neither hashed nor recorded
         path = Path(text).expanduser().resolve(strict=True)
     except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: a loop of links, or no home folder
-        raise InputError(f"{key}={shown(text)}: no such {what}{_unless_absent(error)}") from None
+        raise InputError(f"{key}={shown(text)}: no such {what}{_unless_absent(error) or _nearest(text)}") from None
     if not text or not (path.is_dir() if folder else path.is_file()):
         found = "nothing" if not text else "a file" if path.is_file() else "none"
         raise InputError(f"{key}={shown(text)}: expected a {what}, found {found}")
@@ -186,6 +188,15 @@ def _refuse_constant(name: str) -> NoReturn:
 
 def _reason(error: Exception) -> str:
     return "nested too deeply" if isinstance(error, RecursionError) else shown(" ".join(str(error).split()))
+
+
+def _nearest(text: str) -> str:
+    """What a path that leads nowhere may have meant, of what lies beside it; nothing where nothing is called alike."""
+    path = Path(text).expanduser()
+    with suppress(OSError):
+        near = difflib.get_close_matches(path.name, [one.name for one in path.parent.iterdir()], n=1)
+        return f"; did you mean {shown(str(path.parent / near[0]))}?" if near else ""
+    return ""
 
 
 def _unless_absent(error: Exception) -> str:

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import file_below, read_json, shown
+from ia_bench.common.files import file_below, is_file, read_json, shown
 from ia_bench.geometry.mesh import load_mesh
 from ia_bench.readers.cameras import (
     NamedFrame,
@@ -38,6 +38,8 @@ SHARED_LIGHTS = "lights"
 """Name of the folder, beside that of the scenes, with lights that several scenes see and that are stored once."""
 CHECKED = {"metallic": bool, "splits": dict, "lights": dict, "truth_textures": dict}
 """The kinds of values of the description, a dict being an object of JSON."""
+OTHERS = {"nerfstudio": "transforms*.json", "dtu": "cameras*.npz", "llff": "poses_bounds.npy", "colmap": "sparse"}
+"""Readers of formats whose folders are told by a file in them."""
 RINGING = {"image": "images", "specular": "true specular shading"}
 RANG = "values below zero or beyond the object (ringing of lossy compression) set to 0"
 
@@ -58,6 +60,10 @@ class NativeReader:
         folder = self._folder
         if not folder.is_dir():
             raise InputError(f"{folder}: no such scene folder")
+        if not is_file(folder / DESCRIPTION):
+            likely = next((name for name, file in OTHERS.items() if any(folder.glob(file))), None)
+            other = "reader=NAME reads other formats (ia-bench run --choices)" if likely is None else f"reader={likely} may read it"
+            raise InputError(f"{folder / DESCRIPTION}: no such file, as reader=native wants it; {other}")
         description = read_json(folder / DESCRIPTION)
         for key, kind in CHECKED.items():
             unsaid = key == "metallic" and description.get(key, False) is None  # nobody knows, as of captures that were written so

@@ -130,15 +130,19 @@ def _finish(panel: Axes, axes: Sequence[Axis], subs: Sequence[float]) -> None:
     panel.spines[["top", "right"]].set_visible(False)
 
 
-def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Curve]]) -> None:
+def _colour(rows: Sequence[str], row: str) -> Any:  # noqa: ANN401 (as matplotlib has it)
+    """The colour of one of the ``rows``, of ten that colour-blind readers tell apart, too."""
     from matplotlib import color_sequences
 
-    colours = color_sequences["petroff10"]  # told apart by colour-blind readers too
+    return color_sequences["petroff10"][rows.index(row) % 10]
+
+
+def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Curve]]) -> None:
     for index, (row, found) in enumerate(curves.items()):
         levels = [values[-1] for curve in found if curve.is_level and len(values := curve.measured(metric.column)[1])]
         measured = [curve.measured(metric.column) for curve in found if not curve.is_level]
         points = [(seconds[seconds > 0], values[seconds > 0]) for seconds, values in measured if (seconds > 0).any()]
-        style = {"color": colours[index % 10], "linestyle": DASHES[index % len(DASHES)], "label": plain(row)}
+        style = {"color": _colour(list(curves), row), "linestyle": DASHES[index % len(DASHES)], "label": plain(row)}
         if points:
             _draw_seeds(panel, points, style)
         if levels:
@@ -167,8 +171,11 @@ def _draw_seeds(panel: Axes, points: list[tuple[np.ndarray, np.ndarray]], style:
 # ---- which rows nobody beats in less time ----
 
 
-def draw_pareto(found: list[dict[str, Any]]) -> Figure | None:
-    """A panel for every capture and metric of :func:`ia_bench.report.seconds.points`; None where no row has a score."""
+def draw_pareto(found: list[dict[str, Any]], rows: Sequence[str]) -> Figure | None:
+    """A panel for every capture and metric of :func:`ia_bench.report.seconds.points`; None where no row has a score.
+
+    A row has the colour that its curves have (:func:`draw_scene`), by its place in ``rows``.
+    """
     keys = [METRIC_OF[key] for key in dict.fromkeys(key for one in found for row in one["rows"] for key in row["scores"])]
     if not keys:
         return None
@@ -181,11 +188,11 @@ def draw_pareto(found: list[dict[str, Any]]) -> Figure | None:
         (panel, metric, one) for line, one in zip(panels, shown, strict=True) for panel, metric in zip(line, keys, strict=True)
     ]
     for panel, metric, one in drawn:
-        _draw_front(panel, metric, one)
+        _draw_front(panel, metric, one, rows)
     figure.draw_without_rendering()  # after which panels stay where they are
     for panel, metric, one in drawn:
-        rows = [row for row in one["rows"] if metric.key in row["scores"]]
-        _name_points(panel, {plain(row["name"]): (row["cost"], row["scores"][metric.key]) for row in rows})
+        scored = [row for row in one["rows"] if metric.key in row["scores"]]
+        _name_points(panel, {plain(row["name"]): (row["cost"], row["scores"][metric.key]) for row in scored})
     return figure
 
 
@@ -219,7 +226,9 @@ def _name_points(panel: Axes, points: dict[str, tuple[float, float]]) -> None:
         taken.append(text.get_window_extent().padded(POINT))
 
 
-def _draw_front(panel: Axes, metric: Metric, one: dict[str, Any]) -> None:
+def _draw_front(panel: Axes, metric: Metric, one: dict[str, Any], names: Sequence[str]) -> None:
+    from matplotlib.ticker import LogLocator
+
     rows = [row for row in one["rows"] if metric.key in row["scores"]]
     front = [row for row in rows if metric.key in row["front"]]
     curve: list[dict[str, Any]] = []
@@ -227,17 +236,21 @@ def _draw_front(panel: Axes, metric: Metric, one: dict[str, Any]) -> None:
         if row["curve"] and (not curve or row["scores"][metric.key] > curve[-1]["scores"][metric.key]):
             curve.append(row)
     lines = {"Pareto front": front, f"{plain(one['reference'])} with more work": curve}
-    looks: list[dict[str, Any]] = [{"drawstyle": "steps-post", "color": "0.3"}, {"color": "C1", "linestyle": "--"}]
+    looks: list[dict[str, Any]] = [{"drawstyle": "steps-post", "color": "0.6"}, {"color": "0.2", "linestyle": "--"}]
     for (label, some), look in zip(lines.items(), looks, strict=True):
-        scores = [row["scores"][metric.key] for row in some]
-        panel.plot([row["cost"] for row in some], scores, label=label, linewidth=1.2, **look)
+        if len(some) > 1:
+            scores = [row["scores"][metric.key] for row in some]
+            panel.plot([row["cost"] for row in some], scores, label=label, linewidth=1.2, **look)
     for row in rows:
-        fill = "full" if row in front else "none"
-        look = {"color": "C1" if row["curve"] else "C0", "fillstyle": fill, "markersize": 6, "zorder": 3}
+        look = {"color": _colour(names, row["row"]), "fillstyle": "full" if row in front else "none", "markersize": 6, "zorder": 3}
         panel.plot(row["cost"], row["scores"][metric.key], "o", **look)
     panel.set(xscale="log", xlabel=f"seconds of a fit, times those of {plain(one['reference'])}", ylabel="dB")
     named = [f"{metric.group} {metric.label}", *([plain(one["capture"])] if one["capture"] else [])]
     panel.set_title(", ".join(named), fontsize=10)
     panel.margins(x=0.18, y=0.12)
-    panel.legend(fontsize=8, frameon=False, loc="best")
+    if len(front) > 1 or len(curve) > 1:
+        panel.legend(fontsize=8, frameon=False, loc="best")
     _finish(panel, (panel.xaxis,), (1, 1.5, 2, 3, 5, 7))
+    low, high = panel.get_xlim()
+    if len([at for at in LogLocator(subs=(1, 1.5, 2, 3, 5, 7)).tick_values(low, high) if low <= at <= high]) < 2:  # rows cost alike
+        panel.set_xscale("linear")

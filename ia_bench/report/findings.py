@@ -148,7 +148,10 @@ class Findings:
         for count, what in (
             (done["clean"].eq(False).sum(), "were made by changed code, not by that of a commit"),
             (done["preset"].eq("smoke").sum(), "are of preset=smoke, which shows that everything works, and how well nothing does"),
-            (done["load"].gt(BUSY).sum(), "ran beside so much else that their seconds are too many; no seconds are ranked"),
+            (
+                done["load"].gt(BUSY).sum(),
+                "ran beside so much else that their seconds are too many; what is told of seconds may be wrong",
+            ),
         ):
             if count:
                 found.append(f"{count} of {len(done)} runs {what}.")

@@ -131,7 +131,7 @@ def _draw(findings: Findings, out: Path) -> list[Path]:
             while out / "curves" / f"{name}.png" in pictures:  # of "my hat", where this is my_hat
                 name += "_"
             pictures += save(figure, out / "curves" / name)
-    front = None if findings.timing is None else draw_pareto(points(findings.timing))
+    front = None if findings.timing is None else draw_pareto(points(findings.timing), findings.rows)
     return pictures if front is None else [*pictures, *save(front, out / PARETO)]
 
 

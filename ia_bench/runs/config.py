@@ -142,7 +142,7 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     device = _device(config.device, here)
     scene, reader = config.scene, config.reader
     if scene.path is not None:
-        if scene.path.startswith(REAL_DATA) and not Path(scene.path).exists():
+        if scene.path.startswith(REAL_DATA) and not Path(REAL_DATA).exists():
             raise InputError(f"scene.path={scene.path}: expected real data, found none; make real-data puts it there")
         scene = replace(scene, path=str(user_path("scene.path", scene.path, folder=True)))
     elif reader.target != NATIVE_READER and not scene.name:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import nullcontext
 from pathlib import Path
 
-from ia_bench.common.errors import Fault, raised
+from ia_bench.common.errors import Fault, InputError, PluginError, raised
 from ia_bench.common.machine import settle_libraries
 from ia_bench.common.progress import Progress
 from ia_bench.runs.config import RunConfig
@@ -21,6 +21,7 @@ def execute(config: RunConfig, progress: Progress | None = None) -> tuple[RunRec
     ``progress``: what shows the work, None for one of its own.
 
     Whatever goes wrong is recorded in the folder as a failed run, and raised; what a plugin raised as a PluginError that names it.
+    A mistake in what was asked for leaves no folder behind, unless that was asked for, too.
     """
     content = identity(config)
     key = hash_of(content)
@@ -53,6 +54,9 @@ def execute(config: RunConfig, progress: Progress | None = None) -> tuple[RunRec
                 stop.args = (" before the run had saved anything; the same command starts over",)
             raise
         except Exception as error:
+            refused = isinstance(error, InputError) and not isinstance(error, PluginError)
+            if refused and config.out is None and folder.forget():
+                raise
             try:
                 folder.write_failure(error, labels(config, content))
             except Fault as problem:

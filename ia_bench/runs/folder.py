@@ -169,6 +169,17 @@ class RunFolder:
         trace = trace and trace.encode(errors="backslashreplace").decode()
         self.write_record(RunRecord(**known, error=error, traceback=trace, config_hash=self.config_hash, status="failed"))
 
+    def forget(self) -> bool:
+        """Remove the folder, and the one around it, if that is empty then; False where it holds more than a configuration."""
+        if {path.name for path in self.path.iterdir()} != {CONFIG, LOCK}:
+            return False
+        with suppress(OSError):
+            for name in (CONFIG, LOCK):
+                (self.path / name).unlink()
+            self.path.rmdir()
+            self.path.parent.rmdir()
+        return True
+
     def _claim(self, identity: Mapping[str, Any], setup: Mapping[str, Any]) -> None:
         path = self.path / CONFIG
         held = RunSetup.read(self.path) if path.exists() else None

@@ -23,6 +23,7 @@ from scipy.ndimage import map_coordinates
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import Fault, InputError, first_line, unknown
+from ia_bench.common.files import user_path
 from ia_bench.common.machine import expect_memory
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.readers.contract import SPLITS
@@ -33,6 +34,7 @@ from ia_bench.render.stage import Stage, camera_key
 from ia_bench.runs.pictures.drawing import exposure
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.exr import read_light
 from ia_bench.scenes.images import display
 from ia_bench.scenes.scene import Camera, Mesh, Scene
 
@@ -84,6 +86,19 @@ def of_asset(path: Path, device: torch.device, note: Callable[[str], None], up: 
         note(f"without light from the object onto itself: {error}")
         return TexturedReconstruction(stage, found.material, None, bounces=0)
     return found
+
+
+def light_called(name: str, scene: Scene | None, key: str) -> np.ndarray:
+    """Radiance (H, 2 H, 3) of the light of a ``scene`` that is called so, or of the map in the file of this name.
+
+    Raises InputError, naming ``key``, where there is neither.
+    """
+    known = {} if scene is None or scene.truth is None else scene.truth.lights
+    if name in known:
+        return known[name]
+    if known and not Path(name).suffix:
+        raise InputError(f"{unknown(key, name, known)}; or the file of a map, .hdr or .exr")
+    return read_light(user_path(key, name))
 
 
 def frames_of(views: str, turn: int, mesh: Mesh, scene: Scene | None, size: int) -> list[RelitView]:

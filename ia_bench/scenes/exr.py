@@ -175,7 +175,8 @@ def read_rgbe(path: Path) -> np.ndarray:
         _expect_rec709(path, f"PRIMARIES= {primaries.round(4).tolist()}", primaries, RADIANCE)
     scale = np.where(rows[..., 3] > 0, np.exp2(rows[..., 3].astype(np.float64) - 136), 0)[..., None]
     for factors in (*_lines(path, head, "EXPOSURE", 1, above=0), *_lines(path, head, "COLORCORR", 3, above=0)):
-        scale = scale / factors  # by which pixels have been multiplied
+        with np.errstate(over="ignore"):  # a light that bright is refused
+            scale = scale / factors  # by which pixels have been multiplied
     return (rows[..., :3] * scale).clip(max=np.finfo(np.float32).max).astype(np.float32)
 
 

@@ -15,6 +15,7 @@ from ia_bench.cli.main import COMMANDS
 from ia_bench.cli.main import main as any_command
 from ia_bench.cli.run import main
 from ia_bench.common.paths import conf_folder
+from ia_bench.runs.record import RunRecord
 
 pytestmark = pytest.mark.usefixtures("workplace")
 NUMBERS = {"prior": 1.5, "scene": -1, "coupling": -1, "protocol": "-0", "method": -3, "preset": "-inf"}
@@ -78,6 +79,17 @@ def test_internal_fault_has_a_traceback_a_record_and_a_second_try(capfd: pytest.
     assert [(r["status"], r["error"]) for r in results()] == [("failed", "RuntimeError: boom")]
     assert call("row=raise") == 1
     assert len(started()) == 2
+
+
+def test_a_mistake_that_is_found_late_leaves_no_run_but_where_one_was_asked_for() -> None:
+    """In a report it would be a method that has failed."""
+    assert call("row=refused") == 2
+    assert not Path("runs/hat").exists()
+    assert call("row=refused", "out=here") == 2
+    assert RunRecord.read(Path("here")).error == "capture.views=800: expected at most 16"
+    assert call("row=raise", "out=runs/hat/mine") == 1
+    assert call("row=refused") == 2
+    assert [path.name for path in Path("runs/hat").iterdir()] == ["mine"]
 
 
 def test_every_setting_can_be_shown(capfd: pytest.CaptureFixture[str]) -> None:

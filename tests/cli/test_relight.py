@@ -137,7 +137,7 @@ def test_bad_input_is_one_sentence(ceiling: Path, light: Path, tmp_path: Path, c
     (without / "roughness.exr").unlink()
     out = tmp_path / "a.png"
     cases = {
-        "nowhere.hdr: no such image": relit(ceiling, tmp_path / "nowhere.hdr", out),
+        "nowhere.hdr: no such file": relit(ceiling, tmp_path / "nowhere.hdr", out),
         "negative.exr: expected radiance, found the negative value -1": relit(ceiling, tmp_path / "negative.exr", out),
         "broken.exr: 1 pixel(s) are NaN or Inf, the first at row 2, column 5": relit(ceiling, tmp_path / "broken.exr", out),
         "square.exr: expected a lat-long map, twice as wide as high, found 16 x 16": relit(ceiling, tmp_path / "square.exr", out),

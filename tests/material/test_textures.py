@@ -72,6 +72,20 @@ def test_gradient_of_the_kernel(channels: int, threads: int) -> None:
     assert float((change * values).sum()) == pytest.approx(float((gradient.double() * step).sum()), rel=1e-5)
 
 
+def test_one_value_is_the_mean_of_every_texel_that_it_reaches_however_little() -> None:
+    place = (3 + 0.5 + 1e-6) / 16  # a millionth of a texel's width off its middle
+    average, weight = splat(torch.tensor([[place, place]]), torch.ones(1, 1), 16)
+    assert 0 < weight[weight > 0].min() < 1e-11
+    torch.testing.assert_close(average[weight > 0], torch.ones(int((weight > 0).sum()), 1))
+
+
+def test_what_is_replaced_has_no_say_and_a_count_of_next_to_nothing_is_one() -> None:
+    texture, observed = torch.ones(4, 4, 1), torch.zeros(4, 4, dtype=torch.bool)
+    observed[0] = True
+    assert torch.equal(fill_unobserved(texture.masked_fill(~observed[..., None], torch.nan), observed), texture)
+    torch.testing.assert_close(smooth_by_view_count(texture, observed.float(), 1e-30), texture)
+
+
 def test_splatting_is_the_transpose_of_the_lookup() -> None:
     """<fetch(T), v> = <T, sum of splatted v> for any texture T and values v."""
     texture, uv, values = numbers(16, 16, 3).float(), numbers(200, 2, seed=4).float(), numbers(200, 3, seed=5).float()

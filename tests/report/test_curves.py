@@ -56,7 +56,9 @@ def test_dollar_signs_are_no_mathematics(write_run: Write, tmp_path: Path, name:
     """Which matplotlib takes them for, and raises at what is none."""
     drawn = draw_scene(collect([write_run(name, name, curve=RISES)]).runs, name, [name])
     row = {"row": name, "name": name, "cost": 1.0, "scores": {"albedo.psnr": 20.0}, "front": ["albedo.psnr"], "curve": False}
-    front = draw_pareto([{"capture": "", "reference": name, "rows": [row, row | {"row": "other", "name": "other", "cost": 2.0}]}])
+    front = draw_pareto(
+        [{"capture": "", "reference": name, "rows": [row, row | {"row": "other", "name": "other", "cost": 2.0}]}], [name, "other"]
+    )
     for figure in (drawn, front):
         (_, picture) = save(figure, tmp_path / "drawn")
         shown = [text for text in figure.findobj(Text) if "$" in text.get_text()]

@@ -178,13 +178,13 @@ def test_a_report_without_these_scores_compares_no_seconds(tmp_path: Path) -> No
 def test_the_picture_has_rows_from_the_cheapest_to_the_dearest() -> None:
     found = points(clocked(records()))
     assert [row["row"] for row in found[0]["rows"]] == sorted(SPENT, key=SPENT.__getitem__)
-    figure = draw_pareto(found)
+    figure = draw_pareto(found, list(SPENT))
     assert [panel.get_title() for panel in figure.axes] == ["Aligned albedo PSNR", "Relighting PSNR"]
     dashed = next(line for line in figure.axes[0].lines if line.get_label() == "none with more work")
     assert list(dashed.get_xdata()) == [1.0, 2.0, 4.0]
     cheap = run("ours", "falls", 0, 30.0) | {"row": "cheap", "seconds": 1e-4, "cpu_seconds": 1e-4}
     assert points(clocked([*records(), cheap | {"scene": "rises"}, cheap]))[0]["rows"][0]["cost"] == pytest.approx(1e-5)
-    assert draw_pareto([]) is None
+    assert draw_pareto([], []) is None
     for panel in figure.axes:
         boxes = [text.get_window_extent() for text in panel.texts]
         assert len(boxes) == len(SPENT)

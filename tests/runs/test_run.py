@@ -111,6 +111,10 @@ def test_photographs_in_a_unit_that_scores_cannot_see_are_told(tiny: Scene, fact
     said = list[str]()
     tell(replace(tiny, novel=novel), said.append)
     assert any("have a mean radiance of" in line for line in said) == told
+    nothing = replace(novel[0], mask=np.zeros_like(novel[0].mask), image=np.zeros_like(novel[0].image))
+    said.clear()
+    tell(replace(tiny, novel=(nothing, *novel)), said.append)  # a view that shows nothing has no mean
+    assert any("have a mean radiance of" in line for line in said) == told
 
 
 def test_training_images_are_held_once_where_nothing_scores_them(tiny: Scene) -> None:

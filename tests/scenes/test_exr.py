@@ -10,7 +10,7 @@ from skimage.color import rgb2xyz, xyz2rgb
 
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
-from ia_bench.scenes.exr import read_exr, read_light, read_rgbe, write_exr
+from ia_bench.scenes.exr import read_exr, read_light, read_rgbe, rgbe, write_exr
 from ia_bench.scenes.photograph import read_photograph
 
 # ---------------------------------------------------------------- openEXR files that store a part of what they show
@@ -183,3 +183,29 @@ def test_radiance_is_divided_by_all_exposures_of_its_header(tmp_path: Path) -> N
         path.write_bytes(HEAD.replace(b"FORMAT", b"EXPOSURE=" + wrong + b"\nFORMAT") + pixel)
         with pytest.raises(InputError, match=f"EXPOSURE: expected a number above 0, found {wrong.decode()}"):
             read_rgbe(path)
+
+
+def test_a_header_of_radiance_is_heeded_and_what_it_cannot_hold_is_told(tmp_path: Path) -> None:
+    path, pixel = tmp_path / "it.hdr", b"-Y 1 +X 1\n" + bytes([128, 64, 32, 129])
+    path.write_bytes(HEAD.replace(b"FORMAT", b"COLORCORR= 1 2 4\nPRIMARIES= .64 .33 .29 .6 .15 .06 .333 .333\nFORMAT") + pixel)
+    np.testing.assert_array_equal(read_rgbe(path), [[[1.0, 0.25, 0.0625]]])
+    for line, said in (
+        (b"PRIMARIES= 0.708 0.292 0.170 0.797 0.131 0.046 0.3127 0.329", "expected linear radiance of Rec.709"),
+        (b"PRIMARIES= 1 2", "PRIMARIES: expected 8 numbers, found 1 2"),
+        (b"COLORCORR= 1 0 1", "COLORCORR: expected 3 numbers above 0, found 1 0 1"),
+    ):
+        path.write_bytes(HEAD.replace(b"FORMAT", line + b"\nFORMAT") + pixel)
+        with pytest.raises(InputError, match=said):
+            read_rgbe(path)
+    bright = np.full((2, 4, 3), 3e38, np.float32)
+    path.write_bytes(rgbe(bright))
+    assert read_rgbe(path).max() == pytest.approx(255 * 2.0**119)  # the most that the format has
+    with pytest.raises(ValueError, match="expected finite values"):
+        rgbe(np.full((2, 4, 3), np.inf, np.float32))
+
+
+def test_a_light_that_is_too_bright_for_its_exposure_is_refused(tmp_path: Path) -> None:
+    content = rgbe(np.full((2, 4, 3), 1e10, np.float32)).replace(b"rgbe\n\n", b"rgbe\nEXPOSURE=1e-308\n\n")
+    (tmp_path / "sun.hdr").write_bytes(content)
+    with pytest.raises(InputError, match=r"sun\.hdr: expected radiance up to 1e\+12"):
+        read_light(tmp_path / "sun.hdr")

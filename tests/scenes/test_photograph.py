@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image, ImageOps
+from PIL import Image, ImageOps, features
 
 from ia_bench.common.errors import InputError
 from ia_bench.readers.pictures import recorded_exposure
 from ia_bench.scenes import photograph
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.photograph import open_picture, read_arrays, read_mask, read_photograph, read_values
+from ia_bench.scenes.photograph import open_picture, read_arrays, read_mask, read_photograph, read_stored, read_values
 
 
 # ---------------------------------------------------------------- pictures that are none
@@ -197,6 +197,21 @@ def test_bits_that_are_lost_are_told(tmp_path: Path, colour: int, channels: int,
     assert all("deep.png: its 16 bits a channel are read as 8" in note for note in notes)
     kept = srgb_to_linear(np.array(0xFE80 / 65535 if not told else 0xFE / 255)) * coverage
     np.testing.assert_allclose(radiance[..., 0], kept, rtol=1e-5)
+
+
+@pytest.mark.skipif(not features.check("avif"), reason="Pillow was built without AVIF")
+def test_a_damaged_avif_is_one_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "it.avif"
+    Image.new("RGB", (16, 16), "red").save(path)
+    path.write_bytes(path.read_bytes()[:-40].replace(b"pict", b"pixt"))
+    with pytest.raises(InputError, match=r"it\.avif: expected a picture"):
+        read_photograph(path)
+
+
+def test_numbers_beyond_float32_are_told(tmp_path: Path) -> None:
+    np.save(tmp_path / "it.npy", np.full((2, 2, 3), 1e39))
+    with pytest.raises(InputError, match=r"it\.npy: expected finite numbers that float32 can hold, found 1e\+39"):
+        read_stored(tmp_path / "it.npy")
 
 
 def test_damaged_arrays_are_one_sentence(tmp_path: Path) -> None:

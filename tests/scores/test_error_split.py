@@ -145,6 +145,10 @@ def test_photographs_from_above_do_not_show_the_underside_nor_what_is_covered() 
     assert len(on_slant)
     assert not shown.seen[on_slant].any()
     assert not VisibleSurface.of(mesh, [above], [], CPU).seen.any()
+    half = np.broadcast_to(np.arange(40) < 20, (40, 40))  # the rest of the picture is beyond the photograph
+    cropped = VisibleSurface.of(mesh, [above], [replace(photograph, valid=half)], CPU)
+    assert cropped.seen[cropped.entry[0][:, :19][cropped.entry[0][:, :19] >= 0]].all()
+    assert not cropped.seen[cropped.entry[0][:, 21:][cropped.entry[0][:, 21:] >= 0]].any()
 
 
 @pytest.mark.usefixtures("mean_square_as_lpips")

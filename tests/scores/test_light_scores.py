@@ -94,3 +94,5 @@ def test_a_recovered_light_that_has_no_score_says_why(tiny):
     found = Scorer(tiny, Protocol(samples_per_pixel=1), torch.device("cpu")).full(recovered)
     assert found.metrics["light"]["psnr"] is None
     assert {found.reasons[key] for key in ("light.psnr", "log_light.rmse")} == {"the light's mean radiance is 0"}
+    known = score(Predictions(), Predictions(undefined={"light": "the light's mean radiance is 0"}), Protocol())
+    assert known.reasons["light.psnr"] == "the light's mean radiance is 0"  # of a true light that is black

@@ -66,6 +66,18 @@ def test_tensoir_leaves_out_the_border_of_ssim() -> None:
     assert found.metrics["albedo"]["ssim"] == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("name", ["tensoir", "synthetic4relight", "stanford-orb"])
+def test_pixels_that_nobody_knows_are_the_same_in_all_measures_of_whole_images(name: str) -> None:
+    known = np.ones((SIDE, SIDE), bool)
+    known[5:15, 5:15] = False
+    true = Images((np.full((SIDE, SIDE, 3), 0.5),), (np.ones((SIDE, SIDE)),), (known,))
+    found = [np.where(known[..., None], np.full(3, 0.5), value) for value in (0.0, 0.5, 1.0)]
+    guesses = [Predictions(view_synthesis=Images((image,), true.coverage)) for image in found]
+    scores = [scored(name, guess, Predictions(view_synthesis=true)).metrics["view_synthesis"] for guess in guesses]
+    assert scores[0] == scores[1] == scores[2]
+    assert (scores[0]["psnr"], scores[0]["ssim"]) == (math.inf, pytest.approx(1))
+
+
 def test_synthetic4relight() -> None:
     """Both pictures are cut out by the true coverage, and roughness is averaged over the white background, too."""
     true = two_parts(0.2, 0.6)

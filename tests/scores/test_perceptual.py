@@ -1,10 +1,13 @@
 """LPIPS against a direct call of the network, and whatever may be missing: weights, package, internet, operators."""
 
+import math
 import urllib.error
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from safetensors.torch import load_file, save_file
 from skimage.draw import disk
 
 from ia_bench.common.errors import InputError
@@ -87,3 +90,19 @@ def test_without_internet_there_is_a_reason_and_it_is_remembered(monkeypatch: py
             distance(GUESS, settings=LpipsSettings(net="alex"))
     assert attempts == [perceptual.DOWNLOAD_SECONDS]
     assert perceptual.socket.getdefaulttimeout() is None
+
+
+def test_a_damaged_download_and_weights_that_are_no_numbers_cost_this_metric_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    cached = tmp_path / "hub" / "checkpoints" / "alexnet-owt-7be5be79.pth"
+    cached.parent.mkdir(parents=True)
+    cached.write_bytes(b"")
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path))
+    with pytest.raises(Undefined, match="net alex can be neither read nor downloaded: Ran out of input"):
+        distance(GUESS, settings=LpipsSettings(net="alex"))
+    weights = load_file(WEIGHTS)
+    name = next(key for key in weights if key.startswith("net."))
+    save_file(weights | {name: torch.full_like(weights[name], math.nan)}, tmp_path / "nan.safetensors")
+    with pytest.raises(InputError, match="net squeeze hold NaN or infinity"):
+        perceptual.check_weights(LpipsSettings(weights=str(tmp_path / "nan.safetensors")))

@@ -7,7 +7,7 @@ coverage, inside the true mask. What a scene has no truth of (photographs of one
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -133,6 +133,14 @@ class SceneRenderer:
         seen, middle = cameras["view"], len(self.views) // 2
         chosen = seen[max(range(len(seen)), key=lambda n: (sum(seen[n] in of for of in cameras.values()), -abs(n - middle)))]
         return {name: of.index(chosen) if chosen in of else len(of) // 2 for name, of in cameras.items()}
+
+    def told_apart(self, places: Mapping[str, int]) -> str:
+        """Which views :meth:`of_one_view` shows, in words, where they are several; else empty."""
+        shown = {name: self._shown[name][place] for name, place in places.items() if self._shown[name]}
+        if len({camera_key(view.camera) for view in shown.values()}) < 2:
+            return ""
+        said = {"render": shown.get("view"), "under a new light": shown.get("relit"), "maps": shown.get("albedo")}
+        return ", ".join(f"{what} of view {view.name}" for what, view in said.items() if view is not None)
 
     def truth(self, *, turned: bool = True) -> Pictures:
         """The photographs and what is known behind them; the turning light shows the true textures, if that is wanted."""

@@ -229,7 +229,9 @@ def write_bundle(
         progress.note(f"no pictures for the report: {error}")
     else:
         with folder.path_for(PREVIEW) as path:
-            preview(title, true, pictures, scene_renderer.of_one_view()).save(path, "PNG")
+            places = scene_renderer.of_one_view()
+            title = ": ".join(filter(None, (title, scene_renderer.told_apart(places))))
+            preview(title, true, pictures, places).save(path, "PNG")
         if scene.mesh_is_made or not found.mesh.same_as(scene.mesh, uv=True):
             packed.solid["mesh"] = solid(found.mesh)
         folder.write_bytes(PICTURES, packed.zipped())

@@ -17,7 +17,7 @@ def run(config, folder, progress, known):
 
     FAKE_LOG is a file that gets a line whenever it starts. With FAKE_HOLD it waits after its third step until it is told to end, or
     that file is there: however slow the machine, a test comes in time. The row "crash" dies by signal, "killed" does so at step 20
-    unless it has resumed there, "raise" raises, "stuck" never comes to a step.
+    unless it has resumed there, "raise" raises, "refused" raises for a mistake of the user's, "stuck" never comes to a step.
     """
     from ia_bench.runs import interruption
     from ia_bench.runs.record import RunRecord
@@ -31,6 +31,10 @@ def run(config, folder, progress, known):
         time.sleep(3600)
     if config.row == "raise":
         raise RuntimeError("boom")
+    if config.row == "refused":
+        from ia_bench.common.errors import InputError
+
+        raise InputError("capture.views=800: expected at most 16")
     state = folder.load_checkpoint() or {"step": 0, "value": config.seed}
     if state["step"]:
         progress.note(f"resumed at {state['step']}")

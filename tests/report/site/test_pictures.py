@@ -223,6 +223,11 @@ def test_the_preview_shows_render_and_maps_of_one_view(tiny: Scene, held_out: in
     side = picture.shape[1] // len(views)
     middles = picture[-2 * GAP, side // 2 :: side, 0]
     assert middles.tolist() == [{1: 0, 3: 0, 10: 4}[held_out]] * len(views)
+    assert shown.told_apart(shown.of_one_view()) == ""
+    elsewhere = f"render of view {seen[0].name}, under a new light of view {shown.relit['sunset'][0].name}"
+    if held_out > 1:
+        told = shown.told_apart({"view": 0, "relit": 0, "albedo": 1})
+        assert told == f"{elsewhere}, maps of view {shown.test[1].name}"
 
 
 def test_the_turning_light_starts_as_it_is_and_goes_once_around(drawn: tuple[SceneRenderer, Pictures]) -> None:

@@ -13,6 +13,7 @@
 
   const rowsNow = () => captures[state.capture].rows.filter((row) => state.metric.key in row.scores);
   const score = (row) => row.scores[state.metric.key];
+  const colour = (row) => bench.styleOf(data.rows.findIndex((one) => one.name === row.row)).colour; // that of its curves
   const nearest = (plot) => {
     const away = (row) => Math.hypot(plot.valToPos(row.cost, "x") - plot.cursor.left, plot.valToPos(score(row), "y") - plot.cursor.top);
     return rowsNow().map((row) => [away(row), row]).filter(([distance]) => distance <= NEAR).sort((a, b) => a[0] - b[0]).map(([, row]) => row)[0];
@@ -29,7 +30,7 @@
       const [x, y] = [plot.valToPos(row.cost, "x", true), plot.valToPos(score(row), "y", true)];
       ctx.beginPath();
       ctx.arc(x, y, MARK * ratio, 0, 2 * Math.PI);
-      ctx.fillStyle = ctx.strokeStyle = bench.colours[row.curve ? 1 : 0];
+      ctx.fillStyle = ctx.strokeStyle = colour(row);
       ctx.lineWidth = 1.6 * ratio;
       if (row.front.includes(state.metric.key)) ctx.fill(); else ctx.stroke();
       const wide = ctx.measureText(row.name).width, high = 14 * ratio, gap = 8 * ratio;
@@ -78,7 +79,7 @@
       series: [{},
         { stroke: "transparent", points: { show: false } },
         { stroke: "#888", width: 1.4, spanGaps: true, points: { show: false }, paths: uPlot.paths.stepped({ align: 1 }) },
-        { stroke: bench.colours[1], width: 1.4, dash: [5, 4], spanGaps: true, points: { show: false } }],
+        { stroke: "#888", width: 1.4, dash: [5, 4], spanGaps: true, points: { show: false } }],
       hooks: { draw: [overlay], setCursor: [read] },
     }, [rows.map((row) => row.cost), rows.map(score), front, more], holder);
     state.plot.over.addEventListener("pointerleave", () => { readout.hidden = true; });
