@@ -73,7 +73,7 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         return shaped
     from ia_bench.capture.faults import inside
 
-    return replace(shaped, train=inside(shaped.train, settings.margin))
+    return replace(shaped, train=inside(shaped.train, settings.margin, note))
 
 
 def _agreeing(views: tuple[View, ...], settings: CaptureSettings, note: Callable[[str], None], begin: Begin) -> tuple[View, ...]:

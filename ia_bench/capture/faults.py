@@ -6,8 +6,9 @@ whichever others are taken, and one kind can be set without a change of the othe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -107,17 +108,24 @@ def spread_over_directions(views: Sequence[View], count: int) -> tuple[View, ...
     return tuple(views[index] for index in sorted(farthest_first(views, centre_of(views))[:count]))
 
 
-def inside(views: Sequence[View], margin: float) -> tuple[View, ...]:
+def inside(views: Sequence[View], margin: float, note: Callable[[str], None]) -> tuple[View, ...]:
     """The views without all that is less than ``margin`` pixels inside of their masks, or outside: nobody knows what is there.
 
     A pixel on a wrong side of an outline shows the background, or is black where the object is; so wide an edge is left out that
-    none such is left in. A point of the surface that one view sees there, others see away from their outlines.
+    none such is left in. A point of the surface that one view sees there, others see away from their outlines. Views of which
+    nothing would be left stay whole, of which ``note`` is told.
     """
-    found = []
+    found, whole = [], list[str]()
     for view in views:
         sure = (outline_distance(carving_mask(view)) < -margin) & (view.mask > 0)
-        if sure.any():  # of a view of next to nothing better unsure than unseen
-            image = np.where(sure[..., None], straight(view.image, view.mask), np.float32(0))
-            view = replace(view, image=image, mask=sure.astype(np.float32), valid=sure & view.known)
+        if not sure.any():  # of a view of next to nothing better unsure than unseen
+            whole.append(view.name)
+        else:
+            shown = {name: values for name in ("image", "albedo", "specular") if (values := getattr(view, name)) is not None}
+            cut: dict[str, Any] = {name: np.where(sure[..., None], straight(of, view.mask), 0.0) for name, of in shown.items()}
+            view = replace(view, **cut, mask=sure.astype(np.float32), valid=sure & view.known)
         found.append(view)
+    if whole:
+        some = ", ".join(whole[:3]) + ", ..." * (len(whole) > 3)
+        note(f"capture.margin={margin:g}: {len(whole)} of {len(views)} views stay whole, of which it would leave nothing: {some}")
     return tuple(found)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -76,10 +77,15 @@ def at_one_exposure(scene: Scene, note: Callable[[str], None]) -> Scene:
     def relative(view: View) -> View:
         return replace(view, exposure=view.exposure / unit if view.exposure and differ and view.light == "train" else None)
 
+    def at_unit(view: View) -> View:
+        factor = np.float32(view.exposure or 1.0)
+        specular = None if view.specular is None else view.specular / factor
+        return replace(view, image=view.image / factor, specular=specular, exposure=None)
+
     train = map(relative, scene.train)
     return replace(
         scene,
-        train=tuple(replace(view, image=view.image / np.float32(view.exposure or 1.0), exposure=None) for view in train),
+        train=tuple(map(at_unit, train)),
         test=tuple(map(relative, scene.test)),
         novel=tuple(map(relative, scene.novel)),
     )
@@ -99,7 +105,10 @@ def through_jpeg(codes: np.ndarray, quality: int) -> np.ndarray:
 
 
 def _cut_out(view: View, picture: np.ndarray, mask: np.ndarray) -> View:
-    return replace(view, image=(picture * mask[..., None]).astype(np.float32), mask=mask)
+    """The view of a ``picture`` that is cut out by another mask, and so is what is true of it."""
+    kept = np.minimum(mask / np.maximum(view.mask, 1e-6), 1)[..., None].astype(np.float32)
+    truth: dict[str, Any] = {name: values * kept for name in ("albedo", "specular") if (values := getattr(view, name)) is not None}
+    return replace(view, image=(picture * mask[..., None]).astype(np.float32), mask=mask, **truth)
 
 
 def _picture(view: View, background: float | None) -> np.ndarray:

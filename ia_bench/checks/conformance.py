@@ -85,7 +85,11 @@ class Subject:
         inputs |= {f"{what} {name}": value for what, table in tables.items() for name, value in (table or {}).items()}
         kept = {name: value.clone() for name, value in inputs.items()}
         self._asked += 1
-        counted = register_module_forward_pre_hook(lambda module, inputs: setattr(self, "forwards", self.forwards + 1))
+
+        def count(module: torch.nn.Module, _: object) -> None:  # one without weights, such as of pooling, is no network
+            self.forwards += any(True for _ in module.parameters())
+
+        counted = register_module_forward_pre_hook(count)
         with counted, other_chance(self._asked):
             samples = call(seen, **given)
         if isinstance(samples, Samples) and all(isinstance(part, Mapping) for part in vars(samples).values()):
@@ -258,16 +262,20 @@ def _refined(subject: Subject) -> Iterator[Finding]:
         more = {"radiance": 0.9 * known.images, "roughness": 0.5 * masks, "evidence": 0.1 * masks.expand(-1, -1, -1, 2).clone()}
         return subject.watched(subject.prior.refine, known, frozenset(), renders={**_fitted(known), **more})
 
-    corrected, of_empty_view = refined(subject.known), refined(_with_empty_view(subject.known))
-    what, expected = "a corrected fit", "a finite albedo, and roughness if any, zero where the mask is; of an empty view, too"
+    empty = _with_empty_view(subject.known)
+    corrected, of_empty_view = refined(subject.known), refined(empty)
+    what, expected = "a corrected fit", "a finite albedo, and roughness up to 1, zero where the mask is; of an empty view, too"
     try:
         for one in (corrected, of_empty_view):
             checked(type(subject.prior).__qualname__, "refine", one, None, tuple(subject.known.images.shape))
     except InputError as error:
         yield Finding("fail", what, expected, str(error))
         return
-    outside = max(float(maps[subject.known.masks == 0].abs().max()) for maps in corrected.values.values())
-    yield judge(outside <= 1e-6, what, expected, f"at most {outside:.3g} outside")
+    both = (corrected, subject.known.masks), (of_empty_view, empty.masks)
+    outside = max(float(maps[masks == 0].abs().max()) for one, masks in both for maps in one.values.values())
+    rough = float(corrected.values.get("roughness", torch.zeros(1)).max())
+    found = f"at most {outside:.3g} outside, roughness up to {rough:.3g}"
+    yield judge(outside <= 1e-6 and rough <= 1 + 1e-6, what, expected, found)
     yield _same("corrected again", corrected, refined(subject.known))
     yield _beside_others("one corrected on its own", refined(subject.known.select([0])).values, corrected)
 

@@ -63,12 +63,14 @@ def _coupling(new: Callable[[], Coupling], problem: Problem) -> Iterator[Finding
         with other_chance(next(number)):
             return _losses(one, samples, pixels)
 
+    before = coupling.state()
     first, gradients, untouched = losses_of(coupling)
     said = ", ".join(f"{name} {float(value):.3g}" for name, value in first.items()) or "none"
     sound = all(bool(torch.isfinite(part).all()) for part in (*first.values(), *gradients))
     yield judge(sound, "losses", "finite values, and gradients", said)
     moved = any(bool(part.any()) for part in gradients)
     yield judge(moved, "gradient", "losses that the render moves", "a gradient" if moved else "none")
+    coupling.restore(before)  # it may count how often it was asked
     yield _same("the same generator again", first, losses_of(coupling)[0])
     other = new()
     other.prepare(samples, problem)
@@ -83,12 +85,14 @@ def _coupling(new: Callable[[], Coupling], problem: Problem) -> Iterator[Finding
 
 def _alone(coupling: Coupling, name: str, samples: PixelSamples, problem: Problem, pixels: Tensor) -> Iterator[Finding]:
     """What the coupling makes of a prior that provides one component."""
-    uses = coupling.uses(frozenset({name}))
-    found = ""
-    if uses:
-        coupling.prepare(replace(samples, values={name: samples.values[name]}), problem)
-        found = ", ".join(_losses(coupling, samples, pixels)[0])
-    yield Finding("pass", f"a prior of {name} alone", "", found or "nothing used")
+    what = f"a prior of {name} alone"
+    if not coupling.uses(frozenset({name})):
+        yield Finding("pass", what, "", "nothing used")
+        return
+    coupling.prepare(replace(samples, values={name: samples.values[name]}), problem)
+    losses, gradients, _ = _losses(coupling, samples, pixels)
+    sound = all(bool(torch.isfinite(part).all()) for part in (*losses.values(), *gradients))
+    yield judge(sound, what, "finite losses, and gradients", ", ".join(losses) or "nothing used")
 
 
 def _losses(coupling: Coupling, samples: PixelSamples, pixels: Tensor) -> tuple[dict[str, Tensor], list[Tensor], bool]:

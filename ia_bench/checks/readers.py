@@ -52,9 +52,11 @@ def check_reader(make: Callable[[], SceneReader], sheet: Path | None = None) -> 
     yield from (Finding("pass", "note of the reader", "", note) for note in scene.notes)
     yield _equal("without truth", "the same training views and no truth", lambda: (read(truth=False).blind(), scene.blind()))
 
-    reader = make()
-    same = "the scene of the same reader"
-    yield _equal("reading again", "an equal scene", lambda: (reader.read(truth=True), reader.read(truth=True)), same)
+    def twice() -> tuple[Scene, Scene]:
+        reader = make()
+        return reader.read(truth=True), reader.read(truth=True)
+
+    yield _equal("reading again", "an equal scene", twice, "the scene of the same reader")
     yield _equal("another reader", "an equal scene", lambda: (scene, read(truth=True)))
     seen = {view.image.tobytes() for view in scene.train}
     repeated = [view.name for view in (*scene.test, *scene.novel) if view.image.tobytes() in seen]

@@ -19,6 +19,7 @@ CELLS = 64  # of the hulls that masks are compared with
 MANY = 24  # views of which two may be wrong about a point of the hull; of fewer, one
 FEWEST = 6  # views of which one can stand out
 FARTHER, PIXELS = 4.0, 0.75  # a mask stands out if it is so many times as far as the median, and so many pixels farther
+INSIDE = 0.03  # of the object's extent, which it has to be if it lies inside: where one view alone sees a hollow, it does, too
 FINE, COARSE = 0.7, 3.0  # pixels: detail that blur takes, and what there is of detail at all
 TYPICAL, PIXEL = 0.01, 1.0  # of the object's extent, and pixels: a larger median is a fault of all views, and not of one
 SOFTER = 0.4  # a view stands out if it has less than this share of the median's fine detail
@@ -38,14 +39,16 @@ def check_views(views: Sequence[View], *, meshless: bool = True) -> Iterator[Fin
     except InputError as error:
         yield Finding("fail", "masks", "masks and poses that leave one object", str(error))
     else:
-        typical, worst = float(np.median(np.abs(apart))), int(np.abs(apart).argmax())
+        typical = float(np.median(np.abs(apart)))
+        limit = max(FARTHER * typical, typical + PIXELS)
+        beyond = np.abs(apart) - np.where(apart < 0, max(limit, INSIDE * _extent(views)), limit)
+        worst = int(beyond.argmax())
         found = (
             f"view {views[worst].name}: its outline lies {abs(apart[worst]):.1f} pixels "
             f"{'outside' if apart[worst] > 0 else 'inside'} of what the others' masks leave; {typical:.1f} is the median"
         )
         yield _together(views, typical, meshless)
-        stands_out = abs(apart[worst]) > max(FARTHER * typical, typical + PIXELS)
-        yield judge(not stands_out, "worst mask or pose", "no view that stands out", found)
+        yield judge(bool(beyond[worst] <= 0), "worst mask or pose", "no view that stands out", found)
     fine = np.array([sharpness(view) for view in views])
     if not np.isfinite(fine).any():
         yield Finding("skip", "least sharp view", "", "the object is too small or too even to tell")
@@ -61,7 +64,7 @@ def _together(views: Sequence[View], typical: float, meshless: bool) -> Finding:
     A focal length twice too long moves outlines by 1 to 2 % of the object's extent, in the median over views: 1.7 and 1.2 pixels
     on hat and figurine (128 x 128 pixels), .2 on tiny (32 x 32), where nobody can tell.
     """
-    what, extent = "all masks and poses", float(np.median([np.sqrt((view.mask > 0.5).sum()) for view in views]))
+    what, extent = "all masks and poses", _extent(views)
     limit = max(PIXEL, TYPICAL * extent)
     if typical > limit:
         found = f"{typical:.1f}: the focal length, poses or masks are wrong (capture.consistency=3 makes the last two agree)"
@@ -71,6 +74,11 @@ def _together(views: Sequence[View], typical: float, meshless: bool) -> Finding:
         return Finding("skip", "focal length", "", found)
     found = f"outlines lie {typical:.1f} pixels from what all leave, in the median; up to {limit:.1f} is usual"
     return Finding("pass", what, "", found)
+
+
+def _extent(views: Sequence[View]) -> float:
+    """How many pixels the object is wide, about."""
+    return float(np.median([np.sqrt((view.mask > 0.5).sum()) for view in views]))
 
 
 def disagreement(views: Sequence[View]) -> np.ndarray:

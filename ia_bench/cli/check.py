@@ -153,6 +153,8 @@ def _check_reader(arguments: Sequence[str]) -> Checked:
     place = Path((*sheets, f"runs/contact_sheets/{slug(config.scene.name)}.png")[0])
     if not place.name:
         raise InputError("sheet=: expected the name of a picture, found none")
+    if place.is_dir():
+        raise InputError(f"sheet={place}: expected the name of a picture, found a folder")
     expect_outside("sheet", place, config.scene, config.reader)
     make_writable(place.parent, "sheet")
     what = f"reader {config.reader.name} ({config.reader.target}) on scene {config.scene.name}"

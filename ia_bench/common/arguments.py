@@ -70,7 +70,8 @@ class Parser(argparse.ArgumentParser):
     """A parser of options that takes no beginnings of names for them and says a mistake in one sentence, as an InputError."""
 
     def __init__(self, *given: Any, **settings: Any) -> None:  # noqa: ANN401 (argparse's own)
-        super().__init__(*given, allow_abbrev=False, **settings)
+        settings["allow_abbrev"] = False
+        super().__init__(*given, **settings)
 
     def error(self, message: str) -> NoReturn:
         """Raise it, with the way to the help."""

@@ -114,7 +114,7 @@ def nearest_to_rays(camera: Camera, rows: np.ndarray, columns: np.ndarray, grid:
     along, origin = camera.rays(columns + 0.5, rows + 0.5), camera.position
     corners = np.stack(np.meshgrid(*zip(grid.low.tolist(), grid.high.tolist(), strict=True), indexing="ij"), -1).reshape(-1, 3)
     depths = (origin - corners) @ camera.to_world[:3, 2]
-    depth = np.linspace(max(float(depths.min()), 1e-6), float(depths.max()), SAMPLES)
+    depth = np.linspace(max(float(depths.min()), 1e-6 * float(depths.max())), float(depths.max()), SAMPLES)
     points = origin + depth[:, None, None] * along
     boxed = points.clip(grid.low.numpy(), grid.high.numpy())
     distance = grid.at(torch.from_numpy(boxed.reshape(-1, 3)).float()).numpy().reshape(points.shape[:2])

@@ -14,7 +14,8 @@ from torch import Tensor
 from torch.nn.functional import grid_sample, interpolate, normalize
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.mesh import smooth_normals, unwrap
+from ia_bench.geometry.mesh import smooth_normals
+from ia_bench.geometry.unwrapping import unwrap
 from ia_bench.scenes.scene import Mesh
 
 FLATTEST = 1e-6  # least sine of an angle when its cotangent is taken, so that a needle of a triangle has a finite weight
@@ -117,6 +118,7 @@ def smoothed(mesh: Mesh, width: float) -> Mesh:
     laplacian = diags(np.asarray(stiffness.sum(1)).ravel()) - stiffness
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     mass = np.bincount(faces.ravel(), np.repeat(area / 3, 3), len(places))
+    mass[mass == 0] = 1.0  # of a vertex in no triangle, which stays where it is
     moved = spsolve((diags(mass) + 0.5 * width**2 * laplacian).tocsc(), mass[:, None] * places)
     vertices = moved[shared]
     return replace(mesh, vertices=vertices.astype(np.float32), normals=smooth_normals(vertices, mesh.faces).astype(np.float32))

@@ -27,17 +27,17 @@ from ia_bench.geometry.mesh_files import (
     stored_normals,
     wound,
 )
+from ia_bench.geometry.unwrapping import unwrap
 from ia_bench.scenes.scene import Mesh
 
 if TYPE_CHECKING:
     import trimesh
 
-READ = "7"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
+READ = "8"  # part of a kept mesh's key; raised whenever another mesh is made of the same file
 MADE_BY = ("trimesh", "xatlas")  # another version of these may make another mesh
 FLAT = 1e-6  # share of the cube around it that a closed part encloses at least: less is a sheet with two sides, and rounding
 FAR = 1e4  # sizes of an object from the origin: single precision, in which rays are traced, shifts its points by .0006 of it there
 BORDER = 1 / 256  # of the whole square, around what each material has: look-ups between texels reach beyond it
-SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
 
 
 def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
@@ -88,10 +88,28 @@ def _read_mesh(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     faces = np.concatenate([wound(part.faces, matrix) + first for (part, matrix, _), first in zip(placed, firsts, strict=True)])
     stored = joined_normals(counts, [normals for _, _, normals in placed])
     texture_uv, materials = _joined_uv([part for part, _, _ in placed], path)
+    turned = 0
+    if stored is None and np.isfinite(vertices).all() and faces.max() < len(vertices):  # stored normals know what is outside
+        faces, turned = _consistently_wound(vertices, faces)
     mesh, notes = sound_mesh(path, vertices, faces, stored, texture_uv, uv=uv)
+    if turned:
+        notes = (*notes, f"{path.name}: {turned} triangles wound against their neighbours, turned round")
     if materials > 1 and uv == "mesh":
         notes = (*notes, f"{path.name}: texture coordinates of {materials} materials are laid side by side")
     return _wound_outward(mesh, path, notes)
+
+
+def _consistently_wound(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, int]:
+    """The faces, neighbours wound alike, and how many were turned for it: normals are computed of them."""
+    import trimesh
+
+    places, shared = np.unique(vertices, axis=0, return_inverse=True)
+    solid = trimesh.Trimesh(places, shared[faces], process=False)
+    if solid.is_winding_consistent:
+        return faces, 0
+    trimesh.repair.fix_winding(solid)
+    turned = (solid.faces != shared[faces]).any(1)
+    return np.where(turned[:, None], faces[:, ::-1], faces), int(turned.sum())
 
 
 def _joined_uv(parts: Sequence[trimesh.Trimesh], path: Path) -> tuple[np.ndarray | None, int]:
@@ -197,7 +215,7 @@ def sound_mesh(
         raise InputError(f"{path}: the mesh has no UV (or a glTF no material); add it, or run with reader.options.uv=xatlas")
     given = np.asarray(texture_uv, np.float64)[used]
     if not (given.min() >= -1e-6 and given.max() <= 1 + 1e-6):
-        found = f"{given.min():.4g} ... {given.max():.4g}"
+        found = f"{given.min():.7g} ... {given.max():.7g}"
         raise InputError(f"{path}: expected UV within [0, 1], found {found}; run with reader.options.uv=xatlas")
     parts = vertices.astype(np.float32), faces.astype(np.int32), normals.astype(np.float32), given.clip(0, 1).astype(np.float32)
     return Mesh(*parts), tuple(notes)
@@ -264,33 +282,3 @@ def smooth_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
             normals[faces[where, corner]] = face_normals[where]
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     return normals
-
-
-def unwrap(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> Mesh:
-    """The triangles with texture coordinates made by xatlas; vertices (V, 3) on its seams appear once per side.
-
-    xatlas compares areas with fixed limits, so what it is given of a SMALL object is as large as a unit cube.
-    Raises InputError where xatlas finds no finite coordinates.
-    """
-    import xatlas
-
-    extent = float(np.ptp(vertices, axis=0).max())
-    enlarged = vertices / extent if 0 < extent < SMALL else vertices
-    atlas = xatlas.Atlas()
-    atlas.add_mesh(enlarged.astype(np.float32), faces.astype(np.uint32), normals.astype(np.float32))
-    options = xatlas.PackOptions()
-    options.padding, options.resolution, options.bilinear = 2, 1024, True
-    atlas.generate(pack_options=options)
-    source, new_faces, uv = atlas[0]
-    lost = int((~np.isfinite(uv).all(axis=1)).sum())
-    if lost:
-        raise InputError(
-            f"xatlas: expected finite texture coordinates, found NaN or Inf at {lost} of {len(uv)} vertices; triangles are too "
-            f"small beside the mesh's longest side of {extent:.3g}: give it texture coordinates with another program"
-        )
-    return Mesh(
-        vertices=vertices[source].astype(np.float32),
-        faces=new_faces.astype(np.int32),
-        normals=normals[source].astype(np.float32),
-        uv=np.asarray(uv, np.float32).clip(0, 1),
-    )

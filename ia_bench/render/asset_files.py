@@ -20,8 +20,9 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.mesh import smooth_normals, sound_mesh, unwrap, with_area
+from ia_bench.geometry.mesh import smooth_normals, sound_mesh, with_area
 from ia_bench.geometry.mesh_files import joined_normals, turned_normals, wound
+from ia_bench.geometry.unwrapping import unwrap
 from ia_bench.light.environment import turned
 from ia_bench.material.textures import fetch
 from ia_bench.render.asset_parts import OUTSIDE, Note, Part, Surface, read_parts

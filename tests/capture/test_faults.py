@@ -152,3 +152,33 @@ def test_no_fewer_photographs_than_may_be_wrong(tiny: Scene, settings: CaptureSe
         captured(tiny, asked, lambda line: None)
     unread = CaptureSettings(views=3, tolerated=3)  # not refused where nothing reads it
     assert len(captured(tiny, unread, lambda line: None).train) == 3
+
+
+def test_what_is_true_is_cut_out_as_the_pictures_are(tiny: Scene) -> None:
+    for scene in (take(tiny, {"mask_growth": -2.0}), take(tiny, margin=3.0)):
+        for view in scene.train:
+            for name in ("albedo", "specular"):
+                assert not getattr(view, name)[view.mask == 0].any()
+    shrunk, whole = take(tiny, margin=3.0).train[0], tiny.train[0]
+    inside = (shrunk.mask > 0) & (whole.mask == 1)
+    np.testing.assert_array_equal(shrunk.albedo[inside], whole.albedo[inside])
+
+
+def test_views_that_a_margin_would_leave_nothing_of_are_told(tiny: Scene) -> None:
+    said: list[str] = []
+    views = captured(tiny, CaptureSettings(margin=100.0), said.append).train
+    assert said[-1].startswith("capture.margin=100: 16 of 16 views stay whole, of which it would leave nothing: ")
+    assert all(np.array_equal(view.mask, before.mask) for view, before in zip(views, tiny.train, strict=True))
+
+
+def test_recorded_exposures_are_divided_out_of_the_truth_too(tiny: Scene) -> None:
+    factors = np.linspace(0.5, 2, len(tiny.train))
+    shot = [
+        replace(v, image=v.image * np.float32(f), specular=v.specular * f, exposure=f)
+        for v, f in zip(tiny.train, factors, strict=True)
+    ]
+    found = take(replace(tiny, train=tuple(shot), test=(), novel=()))
+    unit = np.exp(np.log(factors).mean())
+    for view, before in zip(found.train, tiny.train, strict=True):
+        np.testing.assert_allclose(view.image, before.image * unit, rtol=1e-5)
+        np.testing.assert_allclose(view.specular, before.specular * unit, rtol=1e-5)

@@ -158,6 +158,24 @@ def refine_as(change: Callable[[Tensor], Tensor]) -> Callable[..., Samples]:
     return lambda self, shown, renders: Samples({"albedo": change(Offering.refine(self, shown, renders).values["albedo"])})
 
 
+def paint_what_is_empty(self: Offering, shown: Observations, renders: Mapping[str, Tensor]) -> Samples:
+    empty = (shown.masks.amax((1, 2), keepdim=True) == 0)[..., None]
+    return Samples({"albedo": torch.where(empty, 0.7, Offering.refine(self, shown, renders).values["albedo"])})
+
+
+def forty_times_as_rough(self: Offering, shown: Observations, renders: Mapping[str, Tensor]) -> Samples:
+    return Samples({**Offering.refine(self, shown, renders).values, "roughness": 40 * renders["roughness"]})
+
+
+class Pooling(Sound):
+    """Blurs by a layer of torch, which has no weights and is no network."""
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
+        values = dict(super().sample(observations, seed=seed, guidance=guidance).values)
+        blurred = torch.nn.AvgPool2d(3, 1, 1)(values["albedo"].movedim(-1, 1)).movedim(1, -1)
+        return Samples({**values, "albedo": blurred * observations.masks[..., None]})
+
+
 def by_brightest(albedo: Tensor) -> Tensor:
     return albedo / albedo.amax((1, 2, 3), keepdim=True)
 
@@ -208,7 +226,7 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     "no table of costs": (changed(sample=answering(cost=None)), "samples"),
     "costs in words": (changed(sample=answering(cost={"network_calls": "three"})), "samples"),
     "writes to images and returns them": (changed(sample=brightened), "inputs"),
-    "network not counted": (edit(albedo=torch.nn.Identity()), "cost: network_calls"),
+    "network not counted": (edit(albedo=torch.nn.PReLU(init=1.0).requires_grad_(False)), "cost: network_calls"),
     "distill takes no seed": (offering(distill=lambda self, observations, renders: {}), "distillation"),
     "distills one component": (offering(distill=distill_as(lambda e: {"albedo": e["albedo"]})), "distilled estimates"),
     "distills at random": (offering(distill=distill_as(lambda e: {n: v * torch.rand(1) for n, v in e.items()})), "distilled again"),
@@ -217,6 +235,8 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     "refines to NaN": (offering(refine=refine_as(lambda a: a / a)), "a corrected fit"),
     "refines an empty view to NaN": (offering(refine=refine_as(by_brightest)), "a corrected fit"),
     "refines what is outside": (offering(refine=refine_as(lambda a: a + 0.1)), "a corrected fit"),
+    "paints an empty view": (offering(refine=paint_what_is_empty), "a corrected fit"),
+    "refines to more than rough": (offering(refine=forty_times_as_rough), "a corrected fit"),
     "refines at random": (offering(refine=refine_as(lambda a: a * torch.rand(1))), "corrected again"),
     "refines by the batch": (offering(refine=refine_as(lambda a: a / (0.1 + a.mean()))), "one corrected on its own"),
     "NaN with geometry": (offering(open_share=lambda self, visibility: visibility / visibility), "a sample with geometry"),

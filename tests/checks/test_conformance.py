@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from broken_priors import BROKEN, Offering, Remembering, Sound, changed, spoiled
+from broken_priors import BROKEN, Offering, Pooling, Remembering, Sound, changed, spoiled
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.painted_ball import painted_ball
@@ -42,6 +42,12 @@ def test_what_is_offered_besides_is_checked(ball: Observations) -> None:
         "one corrected on its own", "a sample with geometry", "the same geometry again", "fingerprint",
     ]  # fmt: skip
     assert set(besides) == {expected for _, expected in BROKEN.values()} & set(besides)
+
+
+def test_a_layer_without_weights_is_no_network(ball: Observations) -> None:
+    lines = {finding.what: finding for finding in check_prior(Pooling, ball)}
+    assert "cost: network_calls" not in lines
+    assert lines["inputs"].status == "pass"
 
 
 @pytest.mark.parametrize("name", BROKEN)

@@ -83,6 +83,38 @@ class Counts(Level):
         return {"level": self.steps * super().loss(render, pixels)["level"]}
 
 
+class Fades(Level):
+    """Weighs less with every step, which a checkpoint keeps."""
+
+    steps = 0
+
+    def update(self, texture: Tensor, step: int) -> None:
+        self.steps += 1
+
+    def loss(self, render: StepRender, pixels: Tensor) -> Any:
+        return {"level": super().loss(render, pixels)["level"] / (1 + self.steps)}
+
+    def state(self) -> dict[str, Tensor]:
+        return {"steps": torch.tensor(self.steps)}
+
+    def restore(self, state: dict[str, Tensor]) -> None:
+        self.steps = int(state["steps"])
+
+
+def test_a_coupling_may_keep_account_of_its_steps(problem: Problem) -> None:
+    assert crosses(check_part("coupling", Fades, problem)) == []
+
+
+class Single(Coupling):
+    """Divides by the other component, which a prior of one alone has not."""
+
+    def prepare(self, samples: PixelSamples, problem: Problem) -> None:
+        self.parts = len(samples.values)
+
+    def loss(self, render: StepRender, pixels: Tensor) -> Any:
+        return {"mean": render.albedo.mean() / (self.parts - 1)}
+
+
 def changed(kind: type, **members: object) -> type:
     return type("Broken", (kind,), members)
 
@@ -107,6 +139,7 @@ def changed(kind: type, **members: object) -> type:
         (Drawn, "the same generator again: drawn differ"),
         (Quotient, "losses: quotient nan"),
         (changed(Level, uses=lambda self, it: it), "a prior of specular alone: PluginError: coupling Broken raised KeyError"),
+        (Single, "a prior of albedo alone: mean"),
         (Paints, "samples: modified"),
         (changed(Level, update=lambda self, texture, step: texture.mul_(0.5)), "the albedo texture: modified"),
     ],

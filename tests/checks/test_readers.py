@@ -130,6 +130,20 @@ def test_another_scene_at_every_call(tiny: Scene) -> None:
     assert "train[0].image" in found[0]
 
 
+def test_a_reader_that_cannot_be_made_again_is_a_cross_and_no_traceback(tiny: Scene) -> None:
+    made: list[int] = []
+
+    def make() -> Reading:
+        made.append(1)
+        if len(made) == 3:
+            raise OSError("its lock is held")
+        return Reading(tiny, lambda scene: scene)
+
+    found = [finding for finding in check_reader(make) if finding.status == "fail"]
+    assert [finding.what for finding in found] == ["reading again"]
+    assert found[0].found.startswith("OSError: its lock is held")
+
+
 def test_held_out_views_and_cameras(tiny: Scene) -> None:
     trained = first(tiny, image=tiny.train[0].image, mask=tiny.train[0].mask)
     assert crosses(Reading(trained)) == ["held-out views: 0000"]

@@ -8,7 +8,8 @@ import xatlas
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.grid import DistanceGrid, mesh_of, smoothed
-from ia_bench.geometry.mesh import smooth_normals, unwrap
+from ia_bench.geometry.mesh import smooth_normals
+from ia_bench.geometry.unwrapping import unwrap
 from ia_bench.scenes.scene import Mesh
 from tests.shapes import sphere
 
@@ -132,5 +133,5 @@ def test_other_objects_are_given_to_xatlas_as_they_are(scale: float) -> None:
 def test_coordinates_that_are_not_finite_are_refused() -> None:
     """Two balls so small beside what is between them that xatlas takes all triangles for none."""
     apart = trimesh.util.concatenate([ball(1e-5), ball(1e-5, place=1.0)])
-    with pytest.raises(InputError, match=r"^xatlas: expected finite texture coordinates, found NaN or Inf at \d+ of \d+ vertices"):
+    with pytest.raises(InputError, match="^xatlas: expected texture coordinates of all triangles, found NaN or Inf"):
         unwrapped(apart)

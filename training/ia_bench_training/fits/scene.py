@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ia_bench.capture.capture import captured
 from ia_bench.capture.settings import CaptureSettings
-from ia_bench.geometry.mesh import unwrap
+from ia_bench.geometry.unwrapping import unwrap
 from ia_bench.light.latlong import SampledLight, direction_to_texel, row_solid_angles
 from ia_bench.material.brdf import tangent_frame
 from ia_bench.material.textures import Material, fill_unobserved
