@@ -55,7 +55,8 @@ def unwrap(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> Mesh
 def _lost(faces: np.ndarray, uv: np.ndarray) -> float:
     """The share of triangles (F, 3) without an area in texture coordinates (V, 2)."""
     first, second, third = uv[faces].astype(np.float64).swapaxes(0, 1)
-    return float((np.linalg.det(np.stack([second - first, third - first], 1)) == 0).mean())
+    with np.errstate(invalid="ignore"):  # of coordinates that are none
+        return float((np.linalg.det(np.stack([second - first, third - first], 1)) == 0).mean())
 
 
 def _charts(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

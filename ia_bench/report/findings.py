@@ -150,7 +150,7 @@ class Findings:
             (done["preset"].eq("smoke").sum(), "are of preset=smoke, which shows that everything works, and how well nothing does"),
             (
                 done["load"].gt(BUSY).sum(),
-                "ran beside so much else that their seconds are too many; what is told of seconds may be wrong",
+                "ran beside so much else that their seconds are too many: do not compare them",
             ),
         ):
             if count:

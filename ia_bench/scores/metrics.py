@@ -108,10 +108,10 @@ def psnr(pair: Compared) -> float:
     It is no less than that of ``pair.grey``, where the protocol has such a floor. Where the prediction has a ``spread``, the noise
     is subtracted from the error, of which at least LEAST of the noise is left. Raises NoScoredPixel on an empty area.
     """
-    errors = [without_noise(pair)[0]]
+    error = without_noise(pair)[0]
     if pair.grey is not None:
-        errors.append(squared_error(replace(pair, predicted=pair.grey)))
-    return float("inf") if min(errors) == 0 else -10.0 * float(np.log10(min(errors)))
+        error = min(error, squared_error(replace(pair, predicted=pair.grey)))
+    return float("inf") if error == 0 else -10.0 * float(np.log10(error))
 
 
 def part_of_error(pair: Compared, name: str) -> float:
@@ -146,9 +146,9 @@ def ssim(pair: Compared) -> float:
         border = settings.window // 2 if settings.border == "valid" else 0
         found = _similarity(pair.predicted, pair.true, pair.spread, settings)
         within = slice(border, height - border), slice(border, width - border)
-        if not pair.area[within].any():
+        if not (known := pair.area[within]).any():
             raise Undefined("no known pixel has its window within the picture")
-        return float(found[within][pair.area[within]].mean())
+        return float(found[within][known].mean())
     reach, places = settings.window, np.nonzero(pair.area)  # no window of a scored pixel looks farther
     seen = tuple(slice(max(int(at.min()) - reach, 0), int(at.max()) + reach + 1) for at in places)
     spread = None if pair.spread is None else pair.spread[seen]
@@ -187,14 +187,13 @@ def lpips(pair: Compared) -> float:
     if not pair.area.any():
         raise NoScoredPixel
     settings, pictures = pair.protocol.lpips, (pair.predicted, pair.true)
+    if pair.protocol.comparison.lpips_encoded_again:  # of whole images alone
+        pictures = linear_to_srgb(pair.predicted), linear_to_srgb(pair.true)
+    layers = layer_distances(*pictures, settings)
     if pair.whole:
-        if pair.protocol.comparison.lpips_encoded_again:
-            pictures = linear_to_srgb(pair.predicted), linear_to_srgb(pair.true)
-        return sum(float(layer.mean()) for layer in layer_distances(*pictures, settings))
-
+        return sum(float(layer.mean()) for layer in layers)
     from torch.nn.functional import interpolate
 
-    layers = layer_distances(*pictures, settings)
     enlarged = [interpolate(layer, pair.area.shape, mode="bilinear", align_corners=False) for layer in layers]
     return float(sum(enlarged[1:], enlarged[0]).numpy()[0, 0][pair.area].mean(dtype=np.float64))
 
@@ -323,8 +322,7 @@ def _image_metrics(component: str, group: str) -> tuple[Metric, ...]:
 
 
 ERROR_PARTS = {"level": "level, cast", "low": "low frequency", "high": "high frequency", "unseen": "unseen"}
-WHERE = "Where the error sits"
-"""What the squared error of the albedo is split into, and how it is printed."""
+WHERE = "Where the error sits"  # what the squared error of the albedo is split into, and how it is printed
 
 METRICS = (
     *_image_metrics("albedo", "Albedo"),

@@ -311,9 +311,7 @@ def test_runs_that_were_made_alike_are_compared_by_their_seconds_too() -> None:
     assert [(one[0], one[-1]) for one in found.origins] == [("4", "all")]
     assert analyse(Collection(runs.assign(load=1.1))).unranked_seconds == ""
     busy = analyse(Collection(runs.assign(load=[1.1, 1.1, 1.1, 2.0])))
-    assert busy.warnings == [
-        "1 of 4 runs ran beside so much else that their seconds are too many; what is told of seconds may be wrong."
-    ]
+    assert busy.warnings == ["1 of 4 runs ran beside so much else that their seconds are too many: do not compare them."]
     for changes, why in (
         ({"cpu": ["a", "a", "a", "b"]}, "runs are of different processors"),
         (
