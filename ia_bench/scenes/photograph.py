@@ -117,6 +117,8 @@ def read_stored(path: Path, *, grey: bool = False) -> np.ndarray:
         values = picture_values(path, picture)[..., : 3 if opaque else 4]
     if values.ndim != 3 or values.shape[-1] not in (3, 4, int(grey)) or not values.size:
         raise InputError(f"{path}: expected (height, width, 3) values, or 4 with alpha, found shape {values.shape}")
+    if abs(values).max() > np.finfo(np.float32).max:
+        raise InputError(f"{path}: expected values that float32 can hold, found {abs(values).max():g}")
     return np.ascontiguousarray(values, np.float32)
 
 
@@ -266,12 +268,14 @@ def _arrays(path: Path, load: Callable[[], Mapping[str, Any]]) -> dict[str, np.n
         raise
     except BROKEN_ARRAYS:
         raise InputError(f"{path}: expected arrays of numbers (.npy, .npz), found a damaged file or another one") from None
+    doubles = dict[str, np.ndarray]()
     for key, values in stored.items():
         where = f"{path}: {key}" if key else f"{path}"
         if not isinstance(values, np.ndarray) or values.dtype.kind not in "biuf" or values.size > 4 * MAX_PIXELS:
             found = f"{values.size} of {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__
             raise InputError(f"{where}: expected at most {4 * MAX_PIXELS} real numbers, found {shown(found)}")
-        if not (abs(values) <= np.finfo(np.float32).max).all():  # by which everything here is computed
-            found = "NaN or infinity" if not np.isfinite(values).all() else f"{abs(values).max():g}"
-            raise InputError(f"{where}: expected finite numbers that float32 can hold, found {found}")
-    return {key: np.asarray(values, np.float64) for key, values in stored.items()}
+        with np.errstate(over="ignore"):  # of numbers with more digits
+            doubles[key] = np.asarray(values, np.float64)
+        if not np.isfinite(doubles[key]).all():
+            raise InputError(f"{where}: expected finite numbers, found NaN or infinity")
+    return doubles

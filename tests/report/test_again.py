@@ -137,8 +137,7 @@ def test_of_a_table_of_failures_alone_nothing_is_run_again(published: Path, caps
 
 @pytest.mark.parametrize("share", ["0", "1.5", "-1", "half"])
 def test_a_share_that_is_none_is_refused(published: Path, capsys: pytest.CaptureFixture[str], share: str) -> None:
-    with pytest.raises(SystemExit):
-        main([str(published), "--share", share])
+    assert main([str(published), "--share", share]) == 2
     assert "above 0 and up to 1" in capsys.readouterr().err
 
 
