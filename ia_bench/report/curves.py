@@ -130,11 +130,11 @@ def _finish(panel: Axes, axes: Sequence[Axis], subs: Sequence[float]) -> None:
     panel.spines[["top", "right"]].set_visible(False)
 
 
-def _colour(rows: Sequence[str], row: str) -> Any:  # noqa: ANN401 (as matplotlib has it)
-    """The colour of one of the ``rows``, of ten that colour-blind readers tell apart, too."""
+def _colour(place: int) -> Any:  # noqa: ANN401 (as matplotlib has it)
+    """The colour of the row at that ``place``, of ten that colour-blind readers tell apart, too."""
     from matplotlib import color_sequences
 
-    return color_sequences["petroff10"][rows.index(row) % 10]
+    return color_sequences["petroff10"][place % 10]
 
 
 def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Curve]]) -> None:
@@ -142,7 +142,7 @@ def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Curve]]) ->
         levels = [values[-1] for curve in found if curve.is_level and len(values := curve.measured(metric.column)[1])]
         measured = [curve.measured(metric.column) for curve in found if not curve.is_level]
         points = [(seconds[seconds > 0], values[seconds > 0]) for seconds, values in measured if (seconds > 0).any()]
-        style = {"color": _colour(list(curves), row), "linestyle": DASHES[index % len(DASHES)], "label": plain(row)}
+        style = {"color": _colour(index), "linestyle": DASHES[index % len(DASHES)], "label": plain(row)}
         if points:
             _draw_seeds(panel, points, style)
         if levels:
@@ -174,21 +174,23 @@ def _draw_seeds(panel: Axes, points: list[tuple[np.ndarray, np.ndarray]], style:
 def draw_pareto(found: list[dict[str, Any]], rows: Sequence[str]) -> Figure | None:
     """A panel for every capture and metric of :func:`ia_bench.report.seconds.points`; None where no row has a score.
 
-    A row has the colour that its curves have (:func:`draw_scene`), by its place in ``rows``.
+    A row has the colour that its curves have (:func:`draw_scene`), by its place in ``rows``; of several captures it has one in all.
     """
     keys = [METRIC_OF[key] for key in dict.fromkeys(key for one in found for row in one["rows"] for key in row["scores"])]
     if not keys:
         return None
     from matplotlib.figure import Figure
 
-    shown = found[:CAPTURES]
+    shown, every = found[:CAPTURES], [row for one in found for row in one["rows"]]
+    named = list(dict.fromkeys(row["name"] for name in rows for row in every if row["row"] == name))
+    place = {row["row"]: rows.index(row["row"]) if len(found) == 1 else named.index(row["name"]) for row in every}
     figure = Figure(figsize=(6.2 * len(keys), 4.2 * len(shown)), layout="constrained")
     panels = figure.subplots(len(shown), len(keys), squeeze=False)
     drawn = [
         (panel, metric, one) for line, one in zip(panels, shown, strict=True) for panel, metric in zip(line, keys, strict=True)
     ]
     for panel, metric, one in drawn:
-        _draw_front(panel, metric, one, rows)
+        _draw_front(panel, metric, one, place)
     figure.draw_without_rendering()  # after which panels stay where they are
     for panel, metric, one in drawn:
         scored = [row for row in one["rows"] if metric.key in row["scores"]]
@@ -226,7 +228,7 @@ def _name_points(panel: Axes, points: dict[str, tuple[float, float]]) -> None:
         taken.append(text.get_window_extent().padded(POINT))
 
 
-def _draw_front(panel: Axes, metric: Metric, one: dict[str, Any], names: Sequence[str]) -> None:
+def _draw_front(panel: Axes, metric: Metric, one: dict[str, Any], place: dict[str, int]) -> None:
     from matplotlib.ticker import LogLocator
 
     rows = [row for row in one["rows"] if metric.key in row["scores"]]
@@ -242,7 +244,7 @@ def _draw_front(panel: Axes, metric: Metric, one: dict[str, Any], names: Sequenc
             scores = [row["scores"][metric.key] for row in some]
             panel.plot([row["cost"] for row in some], scores, label=label, linewidth=1.2, **look)
     for row in rows:
-        look = {"color": _colour(names, row["row"]), "fillstyle": "full" if row in front else "none", "markersize": 6, "zorder": 3}
+        look = {"color": _colour(place[row["row"]]), "fillstyle": "full" if row in front else "none", "markersize": 6, "zorder": 3}
         panel.plot(row["cost"], row["scores"][metric.key], "o", **look)
     panel.set(xscale="log", xlabel=f"seconds of a fit, times those of {plain(one['reference'])}", ylabel="dB")
     named = [f"{metric.group} {metric.label}", *([plain(one["capture"])] if one["capture"] else [])]

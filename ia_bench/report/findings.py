@@ -148,10 +148,7 @@ class Findings:
         for count, what in (
             (done["clean"].eq(False).sum(), "were made by changed code, not by that of a commit"),
             (done["preset"].eq("smoke").sum(), "are of preset=smoke, which shows that everything works, and how well nothing does"),
-            (
-                done["load"].gt(BUSY).sum(),
-                "ran beside so much else that their seconds are too many: do not compare them",
-            ),
+            (done["load"].gt(BUSY).sum(), "ran beside so much else that their seconds are too many: do not compare them"),
         ):
             if count:
                 found.append(f"{count} of {len(done)} runs {what}.")
