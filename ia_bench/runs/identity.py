@@ -21,7 +21,7 @@ from ia_bench.common.machine import environment
 from ia_bench.common.ranges import NO_NUMBER
 from ia_bench.runs.config import ReaderConfig, RunConfig, SceneConfig, expect_outside, method_of, resolve_scene_folder, slug
 
-IDENTITY_VERSION = 19
+IDENTITY_VERSION = 20
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
 LABELS = ("command", "out", "row", "preset", "fit")
 """Settings that decide no number: what a run is called, where its results go, and what other settings already hold."""
