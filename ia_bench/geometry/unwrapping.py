@@ -11,14 +11,14 @@ import sys
 
 import numpy as np
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, printable
 from ia_bench.scenes.scene import Mesh
 
 SMALL, LARGE = 0.5, 1e6  # scene units: xatlas has fixed limits of areas, so that objects beyond these are scaled to a unit cube
 AWAY = 10  # sizes of an object from the origin, from which on it is moved there: xatlas computes in single precision
 LOST = 0.01  # of the triangles, for which xatlas has no place in the texture, from which on it is given a larger object
 LEAST = 1e-6  # area of a triangle that xatlas does not take for none
-SECONDS = 3600  # until it is taken to have hung; a hundred thousand triangles take it a minute
+SECONDS = 3600  # until it is taken to have hung
 ELSEWHERE = "give it texture coordinates with another program"
 
 
@@ -69,7 +69,10 @@ def _charts(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> tup
     except subprocess.TimeoutExpired:
         raise InputError(f"xatlas: {len(faces)} triangles take it more than {SECONDS} s; {ELSEWHERE}") from None
     if done.returncode:
-        raise InputError(f"xatlas: crashes on these {len(faces)} triangles (exit status {done.returncode}); {ELSEWHERE}")
+        why = f"exit status {done.returncode}"
+        if done.returncode > 0:  # by Python and not by a signal: what it says last
+            why = printable(done.stderr.decode(errors="replace").strip().split("\n")[-1])
+        raise InputError(f"xatlas: crashes on these {len(faces)} triangles ({why}); {ELSEWHERE}")
     with np.load(io.BytesIO(done.stdout)) as made:
         return made["source"], made["faces"], made["uv"]
 

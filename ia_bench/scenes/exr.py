@@ -198,7 +198,10 @@ def rgbe(radiance: np.ndarray) -> bytes:
 
 
 def rgbe_texels(radiance: np.ndarray) -> np.ndarray:
-    """The nearest RGBE value to each pixel (H, W, 3), linear and not negative: (H, W, 4) uint8. ValueError for NaN and infinity."""
+    """The nearest RGBE value to each pixel (H, W, 3), linear and not negative: (H, W, 4) uint8; LARGEST for what is brighter.
+
+    Raises ValueError for NaN and infinity.
+    """
     if not np.isfinite(radiance).all():
         raise ValueError("radiance: expected finite values, found NaN or infinity")
     radiance = radiance.clip(max=LARGEST)

@@ -78,7 +78,8 @@ def _shown(photograph: View, position: Tensor, normal: Tensor, stage: Stage) -> 
     if photograph.valid is not None:
         column, row, _ = photograph.camera.project(position[seen])
         beyond = torch.from_numpy(photograph.beyond).to(seen.device)
-        seen[seen.clone()] = ~beyond[row.long(), column.long()]
+        height, width = beyond.shape  # of some points alone the projection may round to the border
+        seen[seen.clone()] = ~beyond[row.long().clamp(0, height - 1), column.long().clamp(0, width - 1)]
     return seen
 
 
